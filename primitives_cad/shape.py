@@ -24,11 +24,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2twin.core.arguments import MAX_SEED
+from t2twin.core.arrays import Record, kept_property
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     import trimesh
 
+Solid = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), mm, and faces (m, 3)
 NOTHING_MM = -1.0e3  # height where the solid has no surface, mm: far below any layer's thickness
 SUFFIXES = (".stl", ".obj", ".ply", ".3mf", ".glb", ".step", ".stp")  # of solids' files
 PLATE_THICKNESS_MM = 3.0  # thickness of base plates, mm (assumed)
@@ -39,8 +41,8 @@ STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attri
 BALL_PITCH_MM = 0.05  # default pitch of a ball's height map: at most a fifth of a contact's grid
 
 
-@dataclass(frozen=True)
-class HeightMap:
+@dataclass(frozen=True, eq=False)
+class HeightMap(Record):
     """Heights of a pressing surface on a regular grid, seen from above.
 
     heights_mm: (ny, nx) float32, 0 at the highest point, NOTHING_MM where there is no solid.
@@ -52,6 +54,7 @@ class HeightMap:
     y_mm: np.ndarray
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.heights_mm.shape != (self.y_mm.size, self.x_mm.size):
             raise T2TwinError(
                 f"heights of shape {self.heights_mm.shape} do not fit axes of "
@@ -82,13 +85,13 @@ class Keypoint:
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit vector out of the tool
 
 
-@dataclass(frozen=True)
-class Shape:
+@dataclass(frozen=True, eq=False)
+class Shape(Record):
     """A named solid with its pressing surface, in the shape frame, mm.
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
-    solid: the solid, closed around a volume, or a function that returns its vertices (n, 3) and
-        faces (m, 3) at their first use. Of a file that is not closed, its surface.
+    solid: the solid, closed around a volume: a mesh, its vertices (n, 3) and faces (m, 3), or a
+        function that returns these at their first use. Of a file that is not closed, its surface.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: of a primitive, by name, mm.
@@ -102,7 +105,7 @@ class Shape:
     """
 
     name: str
-    solid: "trimesh.Trimesh | Callable[[], tuple[np.ndarray, np.ndarray]]"
+    solid: "trimesh.Trimesh | Solid | Callable[[], Solid]"
     surface: HeightMap
     spacing_mm: tuple[float, float]
     parameters: dict[str, float] = field(default_factory=dict)
@@ -115,18 +118,23 @@ class Shape:
     def __repr__(self) -> str:
         return f"Shape({self.name!r})"
 
-    @cached_property
-    def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (n, 3), mm, and faces (m, 3) of the solid."""
-        solid = self.solid
-        return solid() if callable(solid) else (solid.vertices, solid.faces)
+    def __post_init__(self) -> None:
+        if not isinstance(self.solid, tuple) and not callable(self.solid):
+            vars(self)["solid"] = self.solid.vertices, self.solid.faces
+        super().__post_init__()
 
-    @cached_property
+    @kept_property
+    def triangles(self) -> Solid:
+        """Vertices (n, 3), mm, and faces (m, 3) of the solid."""
+        solid: Any = self.solid
+        return solid() if callable(solid) else solid
+
+    @property
     def mesh(self) -> "trimesh.Trimesh":
-        """The solid as a mesh, mm."""
+        """The solid as a new mesh, mm."""
         import trimesh
 
-        return trimesh.Trimesh(*self.triangles, process=False)
+        return trimesh.Trimesh(*map(np.array, self.triangles), process=False)
 
     @cached_property
     def prepared(self) -> dict[str, Any]:

@@ -104,11 +104,11 @@ class Press:
         """
         from t2twin.core import arguments
         from t2twin.sim.contact.contact_solver import force_at_depth
-        from t2twin.sim.contact.types import PressCommand, check_force
+        from t2twin.sim.contact.types import MAX_YAW_DEG, PressCommand, check_force
         from t2twin.sim.sampling.protocol import FORCE_N
 
-        names = ("x_mm", "y_mm", "yaw_deg")
-        x_mm, y_mm, yaw_deg = (arguments.number(getattr(self, name), name) for name in names)
+        x_mm, y_mm = (arguments.number(getattr(self, name), name) for name in ("x_mm", "y_mm"))
+        yaw_deg = arguments.number(self.yaw_deg, "yaw_deg", -MAX_YAW_DEG, MAX_YAW_DEG)
         if self.force_n is not None and self.depth_mm is not None:
             raise T2TwinError("force_n and depth_mm are both given; expected one of them")
         force_n = FORCE_N if self.force_n is None else arguments.real(self.force_n, "force_n")

@@ -15,7 +15,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Friction
-from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
+from t2twin.sim.contact.types import FORCE_RANGE_N, MAX_YAW_DEG, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_rows
 from t2twin.sim.touch import Touch
@@ -90,6 +90,7 @@ def path_commands(
             raise T2TwinError(
                 f"{place}: force_n is {force_n:g}; expected 0 or a force from {low:g} to {high:g} N"
             )
+        arguments.number(row[2], f"{place}: yaw_deg", -MAX_YAW_DEG, MAX_YAW_DEG)
         if force_n and before[3] and abs(row[2] - before[2]) > MAX_MOTION:
             raise T2TwinError(
                 f"{place}: yaw_deg is {row[2]:g} after {before[2]:g}; expected a rotation of at "

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import result_folder, write_csv
 from t2twin.core.machine import installed_version
@@ -70,7 +71,7 @@ class Notice:
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class Touch(Record):
     """One press of one shape into one sensor or two.
 
     command: the shape's position, rotation and force. readings: those of the sensors by their
@@ -175,9 +176,15 @@ class Touch:
     def markers_mm(self) -> np.ndarray:
         """(n, 2) x and y of the markers' centers on the deformed gel, mm, in the order of
         `markers.rest_mm`; some are outside the image. Raises T2TwinError without markers."""
-        if self.of_camera is None or self.markers is None:
-            raise T2TwinError("the touch has no markers; expected a twin with markers=True")
+        if self.of_camera is None:
+            raise T2TwinError("the touch has no gel camera, which markers would be of")
         return self.of_camera.markers_mm
+
+    def _array(self, wanted: str) -> CountsReading:
+        """The reading of the first taxel array. Raises T2TwinError without one, for what it has."""
+        if self.of_array is None:
+            raise T2TwinError(f"the touch has no taxel array, which {wanted} would be of")
+        return self.of_array
 
     @property
     def tactile_image(self) -> np.ndarray:
@@ -185,14 +192,15 @@ class Touch:
 
         Raises T2TwinError without a taxel array, and for a layout that phi refuses.
         """
-        if self.of_array is None:
-            raise T2TwinError("no taxel array was pressed, so there is no tactile image")
-        return self.of_array.tactile_image
+        return self._array("a tactile image").tactile_image
 
     @property
     def dense_counts(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts of the first taxel array at its dense places."""
-        return self.of_array.dense_counts
+        """(n,) uint16: noiseless counts of the first taxel array at its dense places.
+
+        Raises T2TwinError without a taxel array.
+        """
+        return self._array("dense counts").dense_counts
 
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none; removes those of an earlier touch there.

@@ -137,12 +137,13 @@ class Twin:
         The contacts of the touches, such as `touch["digit"].contact`, have the tangential force
         shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
         Warns as `press` does, once of each limit.
-        Raises T2TwinError for invalid numbers, for a touch without contact, where nothing changes,
-        and where the shape leaves a pad.
+        Raises T2TwinError for invalid numbers, for a touch without contact or of other sensors,
+        gels or covers, where nothing changes, and where the shape leaves a pad.
         """
         law = None if friction is None else Friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
             raise T2TwinError("the touch has no contact; press with a force above 0 N first")
+        self.sensors.check_own(touch)
         start = touch.command
         force = start.force_n if force_n is None else arguments.real(force_n, "force_n")
         check_force(force)

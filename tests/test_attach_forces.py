@@ -112,14 +112,70 @@ def test_the_contact_of_an_explicit_pair_is_read():
     assert touch.digit.force_n == pytest.approx(0.3 * GRAVITY, rel=0.01)
 
 
-def test_masks_that_keep_a_geom_away_are_named_once():
-    spec, attached = scene(box(more="contype='2' conaffinity='2'"))
+FINGER = (
+    "<body name='finger'><joint type='slide' axis='0 0 1'/><geom type='box' size='.02 .02 .005' "
+    "pos='0 0 -.005'/><site name='pad'/></body>"
+)
+ARM = "<body name='arm'><joint/><geom name='ball' size='.004' pos='0 0 .007'/>"
+BALL = "<body name='load' pos='0 0 .007'{}><geom name='ball' size='.004' mass='.1'{}/></body>"
+FREE = "><freejoint/"
+SITE = "<site name='pad'/>"
+
+
+@pytest.mark.parametrize(
+    ("world", "reason"),
+    [
+        (BALL.format("", ""), "neither can move"),
+        (BALL.format(" mocap='true'", ""), "a mocap body: a weld"),
+        (BALL.format(FREE, " contype='2' conaffinity='2'"), "collision masks"),
+        (BALL.format(FREE, " contype='0' conaffinity='0'"), "collision masks"),
+        (FINGER + BALL.format(FREE, ""), "an exclude"),
+        (ARM + FINGER + "</body>", "one is the parent of the other"),
+        (FINGER.replace("<site", "<geom name='ball' size='.01'/><site"), "is welded to it"),
+        ("<geom name='ball' type='plane' size='1 1 1' pos='0 0 .01'/>", "neither can move"),
+        (BALL.format(FREE, "") + "<!--disabled-->", "by a flag of the model"),
+    ],
+)
+def test_what_makes_no_contact_is_named_once(world, reason):
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><option gravity='0 0 0'/><worldbody>"
+        f"{world}{'' if 'pad' in world else SITE}</worldbody></mujoco>"
+    )
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    if "exclude" in reason:
+        spec.add_exclude(bodyname1="load", bodyname2="digit/body")
+    if "flag" in reason:
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    with pytest.warns(T2TwinWarning, match="collision masks keep box from the sensor"):
-        attached.read(model, data)
-    attached.read(model, data)
+    with pytest.warns(T2TwinWarning, match=reason) as warned:
+        touch = attached.read(model, data)
+    assert not touch.contacts and len(warned) == len(touch.notices) == 1
+    assert touch.notices[0].body in ("ball", "all bodies")
+    mujoco.mj_step(model, data)
+    assert attached.read(model, data) is not touch  # without another warning
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        FINGER + BALL.format(" mocap='true'", ""),
+        FINGER + BALL.format(FREE, " contype='0' conaffinity='0'").replace(".007", ".02"),
+        FINGER.replace("<site", "<geom size='.01' contype='0' conaffinity='0'/><site"),
+        SITE + "<geom type='plane' size='1 1 1'/>",
+        SITE + BALL.format("", "").replace(".007", ".02"),
+    ],
+)
+def test_what_touches_or_is_away_is_not_named(world):
+    spec = mujoco.MjSpec.from_string(
+        f"<mujoco><option gravity='0 0 0'/><worldbody>{world}</worldbody></mujoco>"
+    )
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert attached.read(model, data).notices == ()
 
 
 def test_a_hollow_mesh_is_read_as_the_hull_that_collides():

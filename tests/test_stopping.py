@@ -20,7 +20,7 @@ from t2twin.core.files import (
     write_json,
 )
 
-STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 
 
 def default_signals():

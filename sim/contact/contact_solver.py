@@ -44,7 +44,6 @@ from t2twin.sim.contact.types import (
     PressCommand,
     SurfaceShift,
     check_force,
-    read_only,
 )
 
 BASE_TOLERANCE_MM = 1e-3  # on the height of the base plate's top when it is tested for contact, mm
@@ -82,13 +81,13 @@ def solve_contact(
     try:
         return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
     except OffPadError as error:
-        place = f"{error}; for a shape file, --center puts its highest part there"
+        place = f"{error}; for a shape file, the option center puts its highest part there"
         surface = command.tilted(shape).surface
         x_mm, y_mm = place_of_top(surface, command.yaw_rad)
         reach_mm = np.hypot(elastomer.width_mm, elastomer.length_mm) / 2
         # Farther out the pad would reach beyond the height map.
         if np.hypot(x_mm, y_mm) < REACH_MM - reach_mm or not is_cut(surface):
-            place += f", as do --x-mm {x_mm:.2f} --y-mm {y_mm:.2f}"
+            place += f", as do x_mm {x_mm:.2f} and y_mm {y_mm:.2f}"
         raise OffPadError(place, error.shape) from None
 
 
@@ -136,9 +135,9 @@ def solve_bodies(
         shape=shape,
         command=command,
         elastomer=elastomer,
-        pressure_kpa=read_only((1e3 * found.grid_mpa).astype(np.float32)),
-        x_mm=read_only(layer.x_mm),
-        y_mm=read_only(layer.y_mm),
+        pressure_kpa=(1e3 * found.grid_mpa).astype(np.float32),
+        x_mm=layer.x_mm,
+        y_mm=layer.y_mm,
         contact_area_mm2=area_mm2,
         depth_mm=float(found.depths_mm.max()),
         shape_depth_mm=float(found.shape_depths_mm.max()),

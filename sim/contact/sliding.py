@@ -33,14 +33,7 @@ from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import DomedLayer
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.types import (
-    Contact,
-    Motion,
-    PressCommand,
-    SurfaceShift,
-    limit_mpa,
-    read_only,
-)
+from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift, limit_mpa
 
 # Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
 # acceleration. Whole steps overshoot by up to 0.45 of the error, and by several times it where a
@@ -207,7 +200,7 @@ def _step(
             pressure = before + DAMPED_RELAXATION * (pressure - before)
             pressure_kpa = normal.pressure_kpa.copy()
             pressure_kpa[window] = 1e3 * pressure
-            normal = replace(normal, pressure_kpa=read_only(pressure_kpa))
+            normal = replace(normal, pressure_kpa=pressure_kpa)
         spread = layer.spread_mm(pressure)
         shear, follows, found = drive.traction(step, normal, (spread, dome, shear))
         parts = layer.parts_mm(shear)
@@ -234,7 +227,7 @@ def _step(
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     motion = Motion(
-        start.friction, read_only(traction), read_only(slip_mm), window, parts, travel,
+        start.friction, traction, slip_mm, window, parts, travel,
         unfolded(sheared, pitch) - predicted,
     )  # fmt: skip
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))

@@ -6,12 +6,12 @@ with y, the column index with x.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from t2twin.core import arguments
+from t2twin.core.arrays import Record, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
@@ -24,6 +24,7 @@ from t2twin.sim.contact.layer import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)  # smallest and largest force that can be commanded, N
 TILT = ("tilt_x_rad", "tilt_y_rad")  # fields of the tilt in PressCommand
+MAX_YAW_DEG = 36_000.0  # largest yaw, 100 turns (assumed: more than a slide turns)
 MAX_TILT_RAD = float(np.deg2rad(MAX_TILT_DEG))
 # Area of a contact up to which it is not resolved, mm2: one cell of a grid of 0.25 mm. A point of a
 # mesh that carries newtons has tens of MPa there, which no elastomer withstands.
@@ -41,7 +42,7 @@ class PressCommand:
     x_mm, y_mm: position of the shape's origin in the sensor frame. yaw_rad: rotation about the
     sensor's z. force_n: along the press axis. tilt_x_rad, tilt_y_rad: about the shape's origin,
     before the yaw, up to 30 degrees. Raises T2TwinError for values that are not finite numbers, and
-    for a larger tilt.
+    for a larger tilt or more than 100 turns.
     """
 
     shape: str
@@ -54,8 +55,10 @@ class PressCommand:
 
     def __post_init__(self) -> None:
         arguments.text(self.shape, "shape")
-        for name in ("x_mm", "y_mm", "yaw_rad"):
-            arguments.number(getattr(self, name), name)
+        for name, most in (
+            ("x_mm", np.inf), ("y_mm", np.inf), ("yaw_rad", np.deg2rad(MAX_YAW_DEG + 1e-6)),
+        ):  # fmt: skip
+            arguments.number(getattr(self, name), name, -most, most)
         for name in TILT:
             arguments.number(getattr(self, name), name, -MAX_TILT_RAD, MAX_TILT_RAD)
         arguments.real(self.force_n, "force_n")  # `solve_contact` checks its range
@@ -70,8 +73,8 @@ class PressCommand:
         return tilted(shape, self.tilt_x_rad, self.tilt_y_rad)
 
 
-@dataclass(frozen=True)
-class SurfaceShift:
+@dataclass(frozen=True, eq=False)
+class SurfaceShift(Record):
     """Displacement of a layer's surface by shear, on the contact grid's axes."""
 
     x_mm: np.ndarray  # (nx,)
@@ -106,8 +109,8 @@ def _interpolated(values, rows, down, columns, across):
     return found
 
 
-@dataclass(frozen=True)
-class PinState:
+@dataclass(frozen=True, eq=False)
+class PinState(Record):
     """The active pins of a solved press, all (n,): the state of MuJoCo's model in mm and N."""
 
     x_mm: np.ndarray
@@ -121,7 +124,7 @@ class PinState:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(Record):
     """What sliding and turning have done to a contact, on its grid.
 
     The arrays from `window` on are the response to the contact's pressure and traction in a window
@@ -140,7 +143,7 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(Record):
     """The contact of one shape with one elastomer: plain data, which can be copied and pickled.
 
     shape, command, elastomer: the press.
@@ -205,12 +208,12 @@ class Contact:
         """Whether the contact is too small for the grid to resolve its pressure and depth."""
         return self.contact_area_mm2 <= SMALLEST_CONTACT_MM2
 
-    @cached_property
+    @kept_property
     def surface_mm(self) -> np.ndarray:
         """(ny, nx) float32 deflection into the sensor, mm, computed at its first use."""
-        return read_only(self.equilibrium.surface_mm().astype(np.float32))
+        return self.equilibrium.surface_mm().astype(np.float32)
 
-    @cached_property
+    @kept_property
     def pins(self) -> PinState:
         """The pins that carry the force."""
         return self.equilibrium.pin_state()
@@ -220,7 +223,7 @@ class Contact:
         """(2, ny, nx) mean of pressure times distance from the cell's center, kPa mm."""
         return 1e3 * self.equilibrium.moments_mpa_mm
 
-    @cached_property
+    @kept_property
     def owner(self) -> np.ndarray:
         """(ny, nx) index of the body that presses most on each cell; 0 where none presses."""
         return self.equilibrium.body_pressures_mpa.argmax(axis=0)
@@ -235,14 +238,14 @@ class Contact:
         """The tangential response of the elastomer under the contact, on the contact's grid."""
         return domed_layer(self.elastomer, self.x_mm, self.y_mm, self.pressure_kpa)
 
-    @cached_property
+    @kept_property
     def sheared_mm(self) -> np.ndarray:
         """(3, ny, nx) displacement along x, y and into the sensor by shear alone, mm."""
         if self.motion is None:
             return np.zeros((3, *self.pressure_kpa.shape))
         return unfolded(self.shear_layer.response_mm(self.motion.shear_mpa), self.pitch_mm)
 
-    @cached_property
+    @kept_property
     def displacement_mm(self) -> np.ndarray:
         """(3, ny, nx) float32 displacement along x, y and into the sensor by all loads, mm."""
         spread = self.shear_layer.spread_mm(1e-3 * self.pressure_kpa)
@@ -299,13 +302,6 @@ def limit_mpa(
     """The largest traction on each cell, whose body is the owner, (rows, columns) index."""
     limits = np.stack([friction.limit_mpa(pressure_mpa, elastomer) for friction in frictions])
     return limits[0] if len(limits) == 1 else np.take_along_axis(limits, owner[None], 0)[0]
-
-
-def read_only(values: np.ndarray) -> np.ndarray:
-    """A view of an array that cannot be written."""
-    view = values.view()
-    view.setflags(write=False)
-    return view
 
 
 def check_force(force_n: float) -> None:

@@ -28,7 +28,7 @@ from msgspec.json import encode
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, counted, warn
-from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked, temporary_folder
+from t2twin.core.files import SIGNALS, TEMPORARY_NAMES, is_empty, locked, temporary_folder
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
@@ -419,7 +419,7 @@ def _processes(number: int) -> Iterator[Executor]:
 
 def _start_worker() -> None:
     """Initialize a worker: signals are for its parent, which ends it, also when killed."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None

@@ -19,6 +19,7 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.arrays import Record, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -343,8 +344,8 @@ class GelCamera:
         return np.zeros((y.size, x.size))
 
 
-@dataclass(frozen=True)
-class ImageReading:
+@dataclass(frozen=True, eq=False)
+class ImageReading(Record):
     """An image of a gel camera. image: (rows, columns, 3) uint8, RGB; None before it is made."""
 
     sensor: GelCamera
@@ -360,11 +361,12 @@ class ImageReading:
         is_seen = self.contact.pressure_kpa[np.ix_(down, across)].any()
         return [] if is_seen else ["the contact lies outside the camera's view"]
 
-    @cached_property
+    @kept_property
     def markers_mm(self) -> np.ndarray:
         """(n, 2) x and y of the markers' centers on the deformed gel, mm, in the order of
-        `sensor.markers.rest_mm`."""
-        assert self.sensor.markers is not None
+        `sensor.markers.rest_mm`. Raises T2TwinError without markers."""
+        if self.sensor.markers is None:
+            raise T2TwinError("the touch has no markers; give the twin or the sensor markers=True")
         shift = None if self.contact is None else surface_shift(self.contact)
         return self.sensor.markers.moved_mm(shift)
 
@@ -375,12 +377,12 @@ class ImageReading:
         own = {} if markers is None else {"markers": structs.asdict(markers)}
         return {"optics": sensor.optics_file or "default", "renderer": sensor.renderer, **own}
 
-    @cached_property
+    @kept_property
     def depth_map_mm(self) -> np.ndarray:
         """(rows, columns) mm: depth of the gel on `sensor.contact_grid`."""
         return self._map(ContactGrid.depth_mm)
 
-    @cached_property
+    @kept_property
     def pressure_map_kpa(self) -> np.ndarray:
         """(rows, columns) kPa: normal pressure on `sensor.contact_grid`."""
         return self._map(ContactGrid.pressure_kpa)

@@ -23,6 +23,7 @@ from math import ceil, floor
 
 import numpy as np
 
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera, optical_grid
@@ -69,8 +70,8 @@ NOWHERE: Region = (0, 0, 0, 0)
 GROWN = np.array([-1, 1, -1, 1])  # change of a region that grows by a cell to each side
 
 
-@dataclass(frozen=True)
-class Leds:
+@dataclass(frozen=True, eq=False)
+class Leds(Record):
     """LEDs for ray casting."""
 
     places_mm: np.ndarray  # (LEDs, 3) in the sensor frame

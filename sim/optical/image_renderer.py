@@ -27,6 +27,7 @@ from typing import Literal
 
 import numpy as np
 
+from t2twin.core.arrays import Keeper, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
@@ -50,7 +51,7 @@ Color = tuple[float, float, float]
 NO_FRAME = np.zeros((0, 0, 0), dtype=np.float32)  # measured noise, where there is none
 
 
-class ImageRenderer:
+class ImageRenderer(Keeper):
     """Images in the format of the maker's interface, for one set of optics and one gel.
 
     gel: that the optics are of. noise_grey: standard deviation of one frame's noise, grey levels.
@@ -101,7 +102,7 @@ class ImageRenderer:
         rng = None if noise_grey == 0 else rng
         return self._image(surface_mm, coated_mm, under, shade, rng, noise_grey)
 
-    @cached_property
+    @kept_property
     def background(self) -> np.ndarray:
         """(rows, columns, 3) uint8: the background frame of this gel, without noise."""
         if self._markers is None:
@@ -178,7 +179,7 @@ class ImageRenderer:
             self._markers, optics.camera, self._gel, self._rays.rest_mm, optics.gamma
         )
 
-    @cached_property
+    @kept_property
     def _unmarked(self) -> np.ndarray:
         """(rows, columns, 3) uint8: the background frame without markers."""
         return self._on_gel(self.optics.background)

@@ -8,7 +8,6 @@ In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), w
 of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
 """
 
-from functools import cached_property
 from math import floor
 from typing import Annotated
 
@@ -16,6 +15,7 @@ import numpy as np
 from msgspec import Meta, Struct, structs
 
 from t2twin.core import arguments
+from t2twin.core.arrays import kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import Contact, SurfaceShift
@@ -82,9 +82,9 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
         )
         return structs.replace(self, columns=columns, rows=rows)
 
-    @cached_property
+    @kept_property
     def rest_mm(self) -> np.ndarray:
-        """(n, 2) x and y of the centers on the gel at rest, row by row; read-only.
+        """(n, 2) x and y of the centers on the gel at rest, row by row.
 
         Raises T2TwinError for markers without columns and rows that are on no sensor.
         """
@@ -96,9 +96,7 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
         x, y = (self.pitch_mm * (np.arange(count) - (count - 1) / 2) for count in counts)
         centers = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         rng = np.random.default_rng(self.seed)
-        centers += rng.uniform(-self.jitter_mm, self.jitter_mm, centers.shape)
-        centers.flags.writeable = False
-        return centers
+        return centers + rng.uniform(-self.jitter_mm, self.jitter_mm, centers.shape)
 
     def moved_mm(self, shift: SurfaceShift | None) -> np.ndarray:
         """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
@@ -150,7 +148,7 @@ def moved(points_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
 
 def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
     """(n, 2 or 3) displacement of points of a surface, (n, 2)."""
-    values = np.ascontiguousarray(shift.values_mm, dtype=np.float32)
+    values = np.array(shift.values_mm, np.float32)
     return _between(values, shift.x_mm, shift.y_mm, points_mm)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from msgspec import structs, to_builtins
 
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import REMARKS
@@ -58,8 +59,8 @@ def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> n
     return np.stack(entries, axis=-1).reshape(*cosine.shape, -1)
 
 
-@dataclass(frozen=True)
-class Optics:
+@dataclass(frozen=True, eq=False)
+class Optics(Record):
     """Parameters of the baked model (t2twin.sim.optical.image_renderer).
 
     Raises T2TwinError for arrays of other shapes and values out of range.
@@ -79,6 +80,7 @@ class Optics:
     albedo: np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         leds = len(self.leds_mm)
         if not 1 <= leds <= MAX_LEDS:
             raise T2TwinError(f"the optics file has {leds} LEDs; it must have 1 to {MAX_LEDS}")

@@ -18,6 +18,7 @@ from functools import cache, reduce
 import numpy as np
 from scipy.special import ndtri
 
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.compiled import inlined, jit, jit_finite
 
@@ -89,13 +90,14 @@ def _fill_white(key, other_key, quantiles, out):
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class Noise(Record):
     """Noise of one frame. Raises T2TwinError for other shapes and values out of range."""
 
     mix: np.ndarray  # (3, 3) grey levels, weights of three independent noises for each color
     taps: np.ndarray  # (TAPS,) weights of the smoothing along each axis, of unit energy
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, value, shape, most in (
             ("mix", self.mix, (3, 3), MAX_MIX_GREY),
             ("taps", self.taps, (TAPS,), 1.0),

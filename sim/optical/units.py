@@ -27,6 +27,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, structs
 
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import LIMITS, Camera, Distance, Scale, Tilt
@@ -158,7 +159,7 @@ def log_uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()
 
 
 @dataclass(frozen=True, eq=False)
-class Unit:
+class Unit(Record):
     """One unit's light."""
 
     optics: Optics

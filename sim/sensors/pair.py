@@ -52,11 +52,11 @@ class SensorPair:
     def with_options(self, **options: Any) -> "SensorPair":
         """The same pair with options; see `of`."""
         given = {name: value for name, value in options.items() if value is not None}
-        allowed = dict.fromkeys((*self.source.OPTIONS, *self.target.OPTIONS))
+        allowed = [name for name in options if name in self.source.OPTIONS + self.target.OPTIONS]
         for name in given:
             if name not in allowed:
                 names = " and ".join(dict.fromkeys((self.source.name, self.target.name)))
-                known = " and ".join(allowed)
+                known = ", ".join(allowed) or "no such option"
                 raise T2TwinError(f"{name} has no effect on {names}, which has {known}")
         both = []
         for sensor in (self.source, self.target):
@@ -106,7 +106,8 @@ class SensorPair:
         if name in ROLES:
             return list(self.by_name)[ROLES.index(name)]
         raise T2TwinError(
-            f"there is no sensor {sensor!r} in the twin; allowed are {', '.join(self.by_name)}"
+            f"there is no sensor {sensor!r} in the twin; allowed are "
+            f"{', '.join((*self.by_name, *ROLES))}"
         )
 
     def press(
@@ -136,6 +137,20 @@ class SensorPair:
             with timed(f"read {role}"):
                 readings[name] = sensor.read(contact, rng, earlier.get(name))
         return Touch(shape, command, readings)
+
+    def check_own(self, touch: Touch) -> None:
+        """Raises T2TwinError for a touch that was not pressed into these sensors' layers."""
+        for name, contact in touch.contacts.items():
+            own = self.by_name.get(name)
+            if own is None:
+                other = f"{name}, but the twin has {' and '.join(self.by_name)}"
+            elif own.elastomer != contact.elastomer or not np.isclose(
+                own.pitch_mm, contact.pitch_mm
+            ):
+                other = f"{name} with another gel, cover or grid than the twin's"
+            else:
+                continue
+            raise T2TwinError(f"the touch is of {other}; press with this twin first")
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
         """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Meta
 
 from t2twin.core import arguments
+from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import REMARKS, check_names, convert, read_json
 from t2twin.sim.tables import read_rows
@@ -35,7 +36,7 @@ class _Taxel:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class Layout(Record):
     """Positions and pad diameters of taxels in the sensor frame.
 
     x_mm, y_mm, pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more than MAX_TAXELS
@@ -55,7 +56,8 @@ class Layout:
         size = arguments.vector(self.x_mm, f"x_mm of layout {self.name}").size
         for name in ("x_mm", "y_mm", "pad_diameter_mm"):
             values = arguments.vector(getattr(self, name), f"{name} of layout {self.name}", size)
-            object.__setattr__(self, name, values)
+            vars(self)[name] = values
+        super().__post_init__()
         if not MIN_TAXELS <= size <= MAX_TAXELS:
             raise T2TwinError(
                 f"layout {self.name} has {size} taxels; expected at least {MIN_TAXELS}, at most "

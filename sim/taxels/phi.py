@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy import sparse
 
+from t2twin.core.arrays import kept
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 
@@ -62,7 +63,8 @@ class Phi:
         centers_mm: tuple[np.ndarray, np.ndarray], pixels: np.ndarray | slice = slice(None),
     ) -> Self:  # fmt: skip
         """matrix: A. pixels: indices of those that phi^-1 uses."""
-        self.matrix, self.shape, self.centers_mm = matrix, shape, centers_mm
+        self.matrix, self.shape, self.centers_mm = matrix, shape, kept(centers_mm)
+        matrix.data.setflags(write=False)
         used = matrix[pixels]
         normal = (used.T @ used).toarray()
         if np.linalg.cond(normal) > LARGEST_CONDITION:

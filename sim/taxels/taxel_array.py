@@ -11,6 +11,7 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.arrays import Record, kept_property
 from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
@@ -241,8 +242,8 @@ class TaxelArray:
         return np.minimum(self.spec.counts.gain * signal, self.full_scale)
 
 
-@dataclass(frozen=True)
-class CountsReading:
+@dataclass(frozen=True, eq=False)
+class CountsReading(Record):
     """Counts of a taxel array."""
 
     sensor: TaxelArray
@@ -257,19 +258,19 @@ class CountsReading:
         is_clipped = self.counts is not None and self.counts.max() >= full_scale
         return [f"counts are clipped at full scale, {full_scale:,.0f}"] if is_clipped else []
 
-    @cached_property
+    @kept_property
     def tactile_image(self) -> np.ndarray:
         """(rows, columns) float32, counts: barycentric interpolation between the taxels."""
         assert self.counts is not None
         return self.sensor.phi(self.counts.astype(np.float32))
 
-    @cached_property
+    @kept_property
     def dense_counts(self) -> np.ndarray:
         """(n,) uint16: noiseless counts at the places of the dense counts (`sensor.dense`)."""
         noiseless = self.sensor.noiseless(self.contact, self.sensor.dense)
         return np.rint(noiseless).astype(np.uint16)
 
-    @cached_property
+    @kept_property
     def tractions(self) -> np.ndarray:
         """(3, n) float32, kPa: pressure and shear along x and y at the places of dense counts."""
         if self.contact is None:

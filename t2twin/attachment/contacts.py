@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from scipy import ndimage
 
-from t2twin.attachment.geometry import MM_PER_M, colliding, covers_square
+from t2twin.attachment.geometry import MM_PER_M, PLANE, colliding, covers_square, lies_in
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import PITCH_MM
@@ -55,6 +55,8 @@ WIDER_MM = SURVEY_MM / 2
 THIN_CELLS, NARROW_CELLS = 3, 4
 EASED = (1.0, 0.5, 0.25, 0.0)  # shares of a tangential load that are tried (assumed)
 
+NO_CONTACTS = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+
 # Reasons of notices.
 LIMIT = f"all bodies together press with more than the limit of {FORCE_RANGE_N[1]:g} N"
 NO_SURFACE = (
@@ -75,6 +77,17 @@ TANGENTIAL = (
 )
 LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's axis"
 SHARED = "the bodies overlap, and share their pressure otherwise"
+# Reasons of notices of geoms in the soft layer without a contact, each with what to do.
+DISABLED = "MuJoCo computes no contacts, by a flag of the model; enable contact and constraint"
+NO_CONTACT = "it is in the soft layer, but MuJoCo makes no contact of it with the sensor: "
+FIXED = (
+    f"{NO_CONTACT}neither can move; mount the sensor on the surface of its mount, and give other "
+    "bodies a joint (a mocap body: a weld to a body with a joint)"
+)
+OWN = f"{NO_CONTACT}it is welded to it; mount the sensor on the surface of its mount"
+PARENT = f"{NO_CONTACT}one is the parent of the other; disable filterparent, or add a pair"
+EXCLUDED = f"{NO_CONTACT}an exclude names their bodies; remove it, or add a pair"
+MASKED = f"{NO_CONTACT}collision masks differ; change contype or conaffinity, or add a pair"
 
 
 class Pose(NamedTuple):
@@ -123,15 +136,53 @@ def find_elements(model: "mujoco.MjModel", name: str, suffix: str = "") -> tuple
     return site, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, surface)
 
 
-def kept_away(model: "mujoco.MjModel", sensor: int) -> list[str]:
-    """Names of moving geoms that collide with something, but not with the geom of a sensor."""
+def without_contact(at: Place, elastomer: Elastomer) -> dict[int, str]:
+    """Geoms of which MuJoCo makes no contacts with the geom of a sensor, and the reason; of those
+    that are welded to it only what is in its layer."""
+    model, data, sensor, frame = at
+    bodies, collides = model.geom_bodyid, colliding(model)
+    welded, is_fixed = model.body_weldid[bodies], model.body_treeid[bodies] < 0
+    parents, own = model.body_weldid[model.body_parentid[welded]], welded[sensor]
+    is_parent = (parents == own) | (welded == parents[sensor])
+    is_parent &= (own > 0) & (welded > 0)
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:
+        is_parent[:] = False
+    low, high = np.minimum(bodies, bodies[sensor]), np.maximum(bodies, bodies[sensor])
     kinds, affinities = model.geom_contype, model.geom_conaffinity
     meets = (kinds & affinities[sensor]) | (kinds[sensor] & affinities) != 0
-    paired = (model.pair_geom1 == sensor) | (model.pair_geom2 == sensor)
-    meets[model.pair_geom1[paired]] = meets[model.pair_geom2[paired]] = True
-    welded = model.body_weldid[model.geom_bodyid]
-    found = np.flatnonzero(colliding(model) & ~meets & (welded != welded[sensor]) & (welded != 0))
-    return [model.geom(number).name or f"geom {number}" for number in found.tolist()]
+    pairs, is_paired = np.stack([model.pair_geom1, model.pair_geom2]), np.zeros(model.ngeom, bool)
+    is_paired[pairs[:, (pairs == sensor).any(axis=0)]] = True
+    # Geoms that are only seen are left out.
+    is_seen = ~collides & ((welded == own) | np.isin(bodies, bodies[collides]))
+    is_seen[sensor] = True
+    found: dict[int, str] = {}
+    for reason, applies in (
+        (FIXED, is_fixed & is_fixed[sensor]),
+        (OWN, welded == own),
+        (PARENT, is_parent & ~is_paired),
+        (EXCLUDED, np.isin((low << 16) + high, model.exclude_signature) & ~is_paired),
+        (MASKED, ~meets & ~is_paired),
+    ):
+        for geom in np.flatnonzero(applies & ~is_seen).tolist():
+            if welded[geom] != own or lies_in(model, data, geom, *frame, elastomer):
+                found.setdefault(geom, reason)
+    return found
+
+
+def silent_notices(at: Place, geoms: dict[int, str], elastomer: Elastomer) -> list[Notice]:
+    """Of those of the geoms, with a reason each, that are in the soft layer."""
+    model, data, sensor, frame = at
+    if model.opt.disableflags & NO_CONTACTS:
+        return [Notice("all bodies", DISABLED)]
+    numbers = np.array([*geoms], int)
+    apart_m = np.linalg.norm(data.geom_xpos[numbers] - data.geom_xpos[sensor], axis=1)
+    reach_m = model.geom_rbound[numbers] + model.geom_rbound[sensor]
+    near = (apart_m <= reach_m) | (model.geom_type[numbers] == PLANE)
+    return [
+        Notice(model.geom(geom).name or model.body(model.geom_bodyid[geom]).name, geoms[geom])
+        for geom in numbers[near].tolist()
+        if lies_in(model, data, geom, *frame, elastomer)
+    ]
 
 
 def check_state(model: "mujoco.MjModel", data: "mujoco.MjData") -> None:

@@ -51,6 +51,9 @@ MEAN_ALONG_AXES = 4 / np.pi  # mean over directions of a unit vector's sum of ab
 # Smallest component of the vertical in a geom's frame, in place of smaller ones (assumed: it moves
 # no surface of a meter by more than 1e-6 mm).
 PARALLEL = 1.0e-9
+FAR_MM = 1.0e6  # beyond every geom, mm
+# Pitch at which geoms in the soft layer are searched, and how deep they are at least, mm (assumed).
+LAYER_PITCH_MM, IN_LAYER_MM = 0.25, 0.05
 LEVEL = 1.0e-12  # rounding of a place on the outline of a ball of radius 1
 
 
@@ -62,6 +65,7 @@ class Region:
     half_y_mm: float
     depth_mm: float  # below a body's highest point
     pitch_mm: float = PITCH_MM
+    behind_mm: float = BEHIND_MM
 
     @classmethod
     def of(cls, elastomer: Elastomer) -> "Region":
@@ -89,28 +93,8 @@ def body_surface(
     A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with
     "visual" its own.
     """
-    geoms = body_geoms(model, body_id, geometry)
-    to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
-    centers_mm = MM_PER_M * (data.geom_xpos[geoms] - position_m) @ to_shape.T
-    half_mm = np.array((region.half_x_mm, region.half_y_mm))
-    near = _near(model, geoms, centers_mm, half_mm)
-    geoms, centers_mm = geoms[near], centers_mm[near]
-    rotations = np.ascontiguousarray(to_shape @ data.geom_xmat[geoms].reshape(-1, 3, 3))
-    pitch = region.pitch_mm
-    columns, rows = np.floor(half_mm / pitch + EDGE_MM).astype(int)
-    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
-    top = NOTHING_MM
-    for geom, center, turn in zip(geoms.tolist(), centers_mm, rotations, strict=True):
-        place = turn, center, pitch, BEHIND_MM, top, heights
-        kind = int(model.geom_type[geom])
-        if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER):
-            top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
-        else:
-            mesh = triangles_of(model, geom, geometry == "collision")
-            lowest_mm = top - region.depth_mm
-            blocks = mesh.blocks_near(turn, center, half_mm, lowest_mm, BEHIND_MM)
-            solid = mesh.triangles_mm, mesh.normals, *blocks, mesh.is_closed
-            top = raise_to_triangles(*solid, region.depth_mm, *place)
+    geoms, pitch = body_geoms(model, body_id, geometry), region.pitch_mm
+    heights, top = _raised(model, data, geoms, rotation, position_m, region, geometry)
     if top == NOTHING_MM:
         return None
     heights -= np.float32(top)
@@ -119,11 +103,59 @@ def body_surface(
         np.flatnonzero((heights > NOTHING_MM).any(axis=axis))[[0, -1]] for axis in (1, 0)
     )
     surface = HeightMap(
-        heights[first_row - 1 : last_row + 2, first - 1 : last + 2].copy(),
-        x_mm=(np.arange(first - 1, last + 2) - (columns + 1)) * pitch,
-        y_mm=(np.arange(first_row - 1, last_row + 2) - (rows + 1)) * pitch,
+        heights[first_row - 1 : last_row + 2, first - 1 : last + 2],
+        x_mm=(np.arange(first - 1, last + 2) - heights.shape[1] // 2) * pitch,
+        y_mm=(np.arange(first_row - 1, last_row + 2) - heights.shape[0] // 2) * pitch,
     )
     return surface, -top
+
+
+def lies_in(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, rotation: np.ndarray,
+    position_m: np.ndarray, elastomer: Elastomer,
+) -> bool:  # fmt: skip
+    """Whether a geom contains a part of the undeformed surface of a layer in a pose."""
+    half = elastomer.width_mm / 2, elastomer.length_mm / 2
+    region = Region(*half, FAR_MM, LAYER_PITCH_MM, FAR_MM)
+    low, high = (
+        _raised(model, data, np.array([geom]), rotation * side, position_m, region)[0][1:-1, 1:-1]
+        for side in (1.0, SHAPE_FROM_SENSOR.T)
+    )
+    if model.geom_type[geom] == PLANE:
+        low[low == NOTHING_MM], high[high == NOTHING_MM] = FAR_MM, FAR_MM
+    y, x = (LAYER_PITCH_MM * (np.arange(size) - size // 2) for size in low.shape)
+    rest = elastomer.rest_surface_mm(*np.meshgrid(x, y))
+    is_under = (low[::-1] > NOTHING_MM) & (-low[::-1] < rest - IN_LAYER_MM)
+    return bool((is_under & (high > rest + IN_LAYER_MM)).any())
+
+
+def _raised(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, rotation: np.ndarray,
+    position_m: np.ndarray, region: Region, geometry: Geometry = "collision",
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """The height map of geoms, with a rim, and its highest point, of none NOTHING_MM."""
+    to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
+    centers_mm = MM_PER_M * (data.geom_xpos[geoms] - position_m) @ to_shape.T
+    half_mm = np.array((region.half_x_mm, region.half_y_mm))
+    near = _near(model, geoms, centers_mm, half_mm, region.behind_mm)
+    geoms, centers_mm = geoms[near], centers_mm[near]
+    rotations = np.ascontiguousarray(to_shape @ data.geom_xmat[geoms].reshape(-1, 3, 3))
+    pitch = region.pitch_mm
+    columns, rows = np.floor(half_mm / pitch + EDGE_MM).astype(int)
+    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
+    top = NOTHING_MM
+    for geom, center, turn in zip(geoms.tolist(), centers_mm, rotations, strict=True):
+        place = turn, center, pitch, region.behind_mm, top, heights
+        kind = int(model.geom_type[geom])
+        if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER):
+            top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
+        else:
+            mesh = triangles_of(model, geom, geometry == "collision")
+            lowest_mm = top - region.depth_mm
+            blocks = mesh.blocks_near(turn, center, half_mm, lowest_mm, region.behind_mm)
+            solid = mesh.triangles_mm, mesh.normals, *blocks, mesh.is_closed
+            top = raise_to_triangles(*solid, region.depth_mm, *place)
+    return heights, top
 
 
 def covers_square(heights_mm: np.ndarray, cells: int) -> bool:
@@ -158,12 +190,13 @@ def colliding(model: "mujoco.MjModel") -> np.ndarray:
 
 
 def _near(
-    model: "mujoco.MjModel", geoms: np.ndarray, centers_mm: np.ndarray, half_mm: np.ndarray
-) -> np.ndarray:
+    model: "mujoco.MjModel", geoms: np.ndarray, centers_mm: np.ndarray, half_mm: np.ndarray,
+    behind_mm: float,
+) -> np.ndarray:  # fmt: skip
     """Which geoms may be over the region; the radius of a plane is 0."""
     radius_mm = MM_PER_M * model.geom_rbound[geoms]
     reached = (np.abs(centers_mm[:, :2]) <= half_mm + radius_mm[:, None]).all(axis=1)
-    reached &= centers_mm[:, 2] - radius_mm <= BEHIND_MM
+    reached &= centers_mm[:, 2] - radius_mm <= behind_mm
     return reached | (model.geom_type[geoms] == PLANE)
 
 

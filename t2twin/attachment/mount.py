@@ -97,6 +97,7 @@ def attach(
     turn = arguments.vector(quat, "quat", 4)
     if not turn.any():
         raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
+    turn = turn / np.abs(turn).max()  # whose square is finite
     pose = arguments.vector(pos, "pos", 3), turn / np.linalg.norm(turn)
     place = _place(spec, site, body)
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)

@@ -30,11 +30,12 @@ from t2twin.attachment.contacts import (
     contact_forces,
     find_elements,
     frame_of,
-    kept_away,
     loaded_contact,
     relative_motion,
+    silent_notices,
     sleeping_forces,
     unread_notices,
+    without_contact,
 )
 from t2twin.attachment.geometry import Geometry, Region, body_surface
 from t2twin.core import arguments
@@ -54,7 +55,6 @@ NOTHING = Shape("nothing", Trimesh(), NO_MAP, (1.0, 1.0))
 NO_TOUCH = Touch(NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0))
 MAX_RATE_HZ = 1e6  # largest rate of readings, Hz (assumed: beyond any simulation's steps)
 MAX_WORKERS = 1024  # largest number of threads of read_all (assumed: beyond any machine's cores)
-LISTED = 5  # geoms that a warning names (assumed)
 # Distance between the places of contact in two readings up to which the second one continues the
 # tractions of the first, mm (assumed: less than most contacts are wide).
 MAX_JUMP_MM = 2.0
@@ -133,6 +133,7 @@ class AttachedSensor:
         self.suffix = arguments.text(suffix, "suffix")
         self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
         self._elements: WeakKeyDictionary[object, tuple[int, int]] = WeakKeyDictionary()
+        self._silent: WeakKeyDictionary[object, dict[int, str]] = WeakKeyDictionary()
         self._warned: dict[str, object] = {}
         self._lock = Lock()
 
@@ -234,16 +235,7 @@ class AttachedSensor:
         check_state(model, data)
         with self._lock:
             if model not in self._elements:
-                site, geom = find_elements(model, self.name, self.suffix)
-                self._elements[model] = site, geom
-                if kept := kept_away(model, geom):
-                    more = f" and {len(kept) - LISTED} more" if len(kept) > LISTED else ""
-                    self._warn(
-                        "masks",
-                        f"collision masks keep {', '.join(kept[:LISTED])}{more} from the sensor, "
-                        "which reads only what MuJoCo collides; change contype or conaffinity, or "
-                        f"add a pair with geom {model.geom(geom).name}",
-                    )
+                self._elements[model] = find_elements(model, self.name, self.suffix)
             site, geom = self._elements[model]
         return Place(model, data, geom, frame_of(data, site))
 
@@ -282,7 +274,11 @@ class AttachedSensor:
             body.shape = self._shape(at, body.number, body.name)
             places[body.number] = pose, center_mm
         contact, notices = loaded_contact(self.elastomer, self.device.pitch_mm, pressing, last)
-        notices += unread_notices(bodies)
+        with self._lock:
+            if at.model not in self._silent:
+                self._silent[at.model] = without_contact(at, self.elastomer)
+        silent = silent_notices(at, self._silent[at.model], self.elastomer)
+        notices += unread_notices(bodies) + silent
         # The noise depends on the number of earlier readings.
         rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
         reading: Any = None if state.touch is None else state.touch[self.sensor]

@@ -19,13 +19,16 @@ from t2twin.core.errors import T2TwinError
 MAX_SEED = 2**63 - 1
 """The largest seed that NumPy, PyTorch and JSON readers accept."""
 
+NO_NUMBERS = (bool, np.timedelta64)
+"""Types of numbers, to Python, that are none."""
+
 Kind = TypeVar("Kind")
 Number = TypeVar("Number", int, float)
 
 
 def real(value: object, name: str) -> float:
     """A number as a float, which may be infinite or NaN."""
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
         raise _wrong(value, name, "a number")
     return float(value)
 
@@ -40,7 +43,7 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
 
 def whole_number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> int:
     """A whole number in [low, high], as an int."""
-    if not isinstance(value, Integral) or isinstance(value, bool):
+    if not isinstance(value, Integral) or isinstance(value, NO_NUMBERS):
         raise _wrong(value, name, "a whole number")
     return _within(int(value), name, low, high)
 

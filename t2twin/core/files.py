@@ -26,7 +26,8 @@ MAX_STEM_CHARACTERS = 40  # of a file's stem in its temporary name (assumed: it 
 MAX_TABLE_BYTES = 100_000_000  # of tables and descriptions (assumed: 700,000 rows of 20 counts)
 LOCK = ".t2twin.lock"  # in a folder, removed with the lock; without its process it locks nothing
 OWN = ".t2twin.json"  # in a folder of results: the SHA-256 of files by kind of result and name
-SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ctrl-C; that of `kill`, service managers, containers
+# Ctrl-C, that of `kill`, service managers and containers, and that of a closed terminal
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 run_inputs: list[Path] = []  # of the running command, named by the user; no result replaces them
 # Commands that continue an earlier call; the others start again and leave no files
 RESUMING = ("adapt", "demo", "simdata", "train")

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from t2twin.core.arrays import kept
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 
@@ -83,7 +84,7 @@ def _array(kind: type, content: Any) -> np.ndarray:
     """(n,) float64 from a list of numbers; the only type that msgspec does not read itself."""
     assert kind is np.ndarray
     try:
-        return np.array(msgspec.convert(content, type=list[float]))
+        return kept(np.array(msgspec.convert(content, type=list[float])))
     except msgspec.ValidationError as error:
         raise ValueError(error) from None
 

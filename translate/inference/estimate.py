@@ -37,7 +37,7 @@ ARRAYS = (*MAPS, "mask")
 NUMBERS = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """The prediction for one image, or for B images with B before every shape.
 
@@ -132,7 +132,7 @@ def half_width(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + level / 2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactEstimate:
     """The contact predicted from one image, on the camera's view. It has the image's size.
 

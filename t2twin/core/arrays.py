@@ -1,0 +1,45 @@
+"""Arrays that a record or a cache keeps: read-only, so that no caller changes another's results."""
+
+from collections.abc import Callable
+from functools import cached_property, wraps
+from typing import Any, TypeVar
+
+import numpy as np
+
+Value = TypeVar("Value")
+
+
+def kept(value: Any) -> Any:
+    """A read-only copy of an array that can be written; a tuple with such copies."""
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        value = np.array(value)
+        value.setflags(write=False)
+    return tuple(map(kept, value)) if type(value) is tuple else value
+
+
+class kept_property(cached_property[Value]):
+    """A cached property whose arrays are read-only."""
+
+    def __init__(self, compute: Callable[[Any], Value]) -> None:
+        super().__init__(wraps(compute)(lambda owner: kept(compute(owner))))
+
+
+class Keeper:
+    """Base of classes with kept properties, which are read-only in copies too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        names = [name for name in state if isinstance(getattr(type(self), name, 0), kept_property)]
+        vars(self).update(state | {name: kept(state[name]) for name in names})
+
+
+class Record:
+    """Base of frozen dataclasses whose arrays are their own, read-only also in copies.
+
+    They are declared with eq=False, as arrays have no truth value, and compared by identity.
+    """
+
+    def __post_init__(self) -> None:
+        self.__setstate__(vars(self))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update({name: kept(value) for name, value in state.items()})
