@@ -309,7 +309,7 @@ def test_wrong_arguments(arguments, message):
 def test_wrong_models():
     spec = scene()
     other = spec.compile()
-    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    attached = t2twin.attach(spec, site="pad", sensor="digit", quat=[1e300, 0, 0, 1e300])
     model = spec.compile()
     for wrong, data, message in (
         (other, mujoco.MjData(other), "no site digit/frame"),
@@ -323,6 +323,10 @@ def test_wrong_models():
     data.qpos[0] = np.nan
     with pytest.raises(T2TwinError, match="not finite"):
         attached.read(model, data)
+    data.qpos[0] = 0.0
+    for data.time in (np.nan, np.inf):
+        with pytest.raises(T2TwinError, match=r"data\.time is not finite"):
+            attached.read(model, data)
 
 
 def test_a_flex_is_refused():

@@ -295,6 +295,33 @@ def test_many_light_bodies_are_named():
     assert touch.unread_n == pytest.approx(4 * 0.0009 * GRAVITY, rel=0.02)
 
 
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+def test_a_plate_is_gripped_with_the_force_of_both_fingers(sensor):
+    """It is 4 mm thick, and the fingers close at 0.08 m/s; both sensors read what presses them."""
+    fingers = "".join(
+        f"<body pos='{-0.04 * side} 0 0'><joint type='slide' axis='{side} 0 0' name='{name}'/>"
+        f"<geom type='box' size='.004 .015 .02' pos='{-0.004 * side} 0 0' mass='.05'/>"
+        f"<site name='{name}' quat='.7071 0 {0.7071 * side} 0'/></body>"
+        for name, side in (("a", 1), ("b", -1))
+    )
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><option timestep='.004' cone='elliptic' impratio='10' gravity='0 0 0'/><worldbody>"
+        f"{fingers}<body><freejoint/><geom type='box' size='.002 .012 .02' mass='.05'/></body>"
+        "</worldbody><actuator><position joint='a' kp='1000' kv='20'/>"
+        "<position joint='b' kp='1000' kv='20'/></actuator></mujoco>"
+    )
+    pair = [t2twin.attach(spec, site=site, sensor=sensor) for site in "ab"]
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for step in range(250):
+        data.ctrl[:] = min(0.04, 0.08 * step * 0.004)
+        mujoco.mj_step(model, data)
+    expected = data.actuator_force
+    assert (expected > 1.0).all()
+    forces = [each.read(model, data).contacts[each.sensor].force_n for each in pair]
+    assert forces == pytest.approx(expected, rel=0.02)
+
+
 def gripper():
     spec = mujoco.MjSpec.from_string(
         "<mujoco><worldbody><body name='finger'><geom size='.01'/><site name='pad' pos='0 0 .01'/>"

@@ -16,6 +16,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, mesh_files
 from t2twin.primitives_cad.mesh_files import SUFFIXES, read_solid
+from t2twin.primitives_cad.shape import NOTHING_MM
 
 SIDES_MM = (6.0, 4.0, 3.0)
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -297,6 +298,20 @@ def test_step_bodies_are_one_shape_and_faces_a_surface(tmp_path):
     sheet = catalogue.load(step(tmp_path / "sheet.step", top), tmp_path / "kept")
     assert "is open at 4 edges, the widest gap 4 mm" in sheet.notes[0]
     assert sheet.surface.sample(np.zeros(1), np.ones(1)) == pytest.approx([0.0])
+
+
+def test_a_hole_in_a_wall_at_45_degrees_is_pressed(tmp_path):
+    """Weights of a triangle of the wall, x - y = 9.8 mm, have the sum 0."""
+    import cadquery as cq
+
+    block = cq.Workplane().box(20, 20, 10)
+    block = block.edges(cq.selectors.NearestToPointSelector((10, -10, 0))).chamfer(10.2)
+    wall = cq.Workplane(cq.Plane((4.9, -4.9, 0), xDir=(1, 1, 0), normal=(1, -1, 0)))
+    block = block.cut(wall.circle(2).extrude(-6)).val()
+    shape = catalogue.load(step(tmp_path / "block.step", block), tmp_path / "kept")
+    assert shape.mesh.volume == pytest.approx(block.Volume(), rel=1e-3)
+    heights = shape.surface.sample(np.array([4.8, 5.0]), np.array([-4.8, -5.0]))
+    assert heights == pytest.approx([0.0, NOTHING_MM])
 
 
 def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):
