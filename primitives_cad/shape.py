@@ -134,7 +134,8 @@ class Shape(Record):
         """The solid as a new mesh, mm."""
         import trimesh
 
-        return trimesh.Trimesh(*map(np.array, self.triangles), process=False)
+        vertices, faces = (np.array(each) for each in self.triangles)
+        return trimesh.Trimesh(vertices, faces, process=False)
 
     @cached_property
     def prepared(self) -> dict[str, Any]:

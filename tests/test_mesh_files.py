@@ -5,7 +5,7 @@ import re
 import struct
 import zipfile
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -307,7 +307,7 @@ def test_a_hole_in_a_wall_at_45_degrees_is_pressed(tmp_path):
     block = cq.Workplane().box(20, 20, 10)
     block = block.edges(cq.selectors.NearestToPointSelector((10, -10, 0))).chamfer(10.2)
     wall = cq.Workplane(cq.Plane((4.9, -4.9, 0), xDir=(1, 1, 0), normal=(1, -1, 0)))
-    block = block.cut(wall.circle(2).extrude(-6)).val()
+    block: Any = block.cut(wall.circle(2).extrude(-6)).val()
     shape = catalogue.load(step(tmp_path / "block.step", block), tmp_path / "kept")
     assert shape.mesh.volume == pytest.approx(block.Volume(), rel=1e-3)
     heights = shape.surface.sample(np.array([4.8, 5.0]), np.array([-4.8, -5.0]))
