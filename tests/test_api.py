@@ -95,13 +95,6 @@ def test_noise_comes_from_the_seed_and_only_with_one():
     assert (first.counts != other.counts).any() and (first.image != still.image).any()
 
 
-def test_another_layout_reads_the_same_touch():
-    twin = t2twin.Twin(layout="cyskin-63")
-    with pytest.warns(t2twin.T2TwinWarning, match="clipped at full scale"):  # pads of 3 mm
-        touch = twin.press("hemisphere-2")
-    assert touch.counts.shape == twin.layout.x_mm.shape == (63,)
-
-
 def test_a_saved_touch_replaces_an_earlier_one(tmp_path):
     twin, folder = t2twin.Twin(), tmp_path / "out"
     touch = twin.press("square-2", force_n=4.0)

@@ -22,6 +22,8 @@ def test_scalars_are_numbers(value):
     [
         (arguments.number, "8", "x is '8' of type str; expected a number"),
         (arguments.number, True, "expected a number"),
+        (arguments.number, np.timedelta64(4, "s"), "of type timedelta64; expected a number"),
+        (arguments.whole_number, np.timedelta64(4, "s"), "expected a whole number"),
         (arguments.number, np.ones(3), "of type ndarray; expected a number"),
         (arguments.number, float("nan"), "x is nan; expected a finite number"),
         (arguments.whole_number, 1.0, "expected a whole number"),

@@ -390,17 +390,6 @@ def test_a_force_through_the_layer_onto_the_mount_is_named():
     assert touch.cyskin.force_n - notice.force_n[2] == pytest.approx(force_n, rel=1e-3)
 
 
-def test_a_force_on_the_mount_beside_the_sensor_is_none_on_it():
-    spec = scene()
-    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
-    foot = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [0.002, 0, 0], "mass": 0.01}
-    under_m = RADIUS_M + 1e-3 * attached.elastomer.thickness_mm
-    spec.body("ball").add_geom(pos=[0.0175, 0, 0.002 - under_m], **foot)
-    model, data = simulate(spec)
-    touch = attached.read(model, data)
-    assert data.ncon == 2 and touch.cyskin.force_n < FORCE_N - 0.1 and not touch.notices
-
-
 @pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
 def test_a_force_above_the_largest_is_limited():
     spec = scene(mass=5.0)

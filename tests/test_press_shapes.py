@@ -130,7 +130,7 @@ def test_a_shape_off_the_middle_is_told_where_it_lies(solid, yaw):
     ring = solid(trimesh.creation.annulus(r_min=20.0, r_max=24.0, height=6.0))
     with pytest.raises(OffPadError, match="does not lie over the digit pad") as caught:
         solve_contact(ring, PressCommand("my", 0.0, 0.0, yaw, 4.0), *SENSORS[0])
-    found = re.search(r"--center .*--x-mm (\S+) --y-mm (\S+)", str(caught.value))
+    found = re.search(r"option center .* x_mm (\S+) and y_mm (\S+)", str(caught.value))
     assert found
     x, y = map(float, found.groups())
     assert np.hypot(x, y) == pytest.approx(22.0, abs=0.5)
@@ -142,9 +142,9 @@ def test_positions_beyond_the_height_map_are_not_recommended(solid):
     """Of a large shape the pad would reach parts that are not in the map; a press there names
     them."""
     ring = solid(trimesh.creation.annulus(r_min=26.0, r_max=60.0, height=6.0))
-    with pytest.raises(OffPadError, match="--center") as caught:
+    with pytest.raises(OffPadError, match="option center") as caught:
         solve_contact(ring, PressCommand("my", 0.0, 0.0, 0.0, 4.0), *SENSORS[0])
-    assert "--x-mm" not in str(caught.value)
+    assert "x_mm" not in str(caught.value)
     for x, cut in ((25.0, True), (15.0, False)):
         contact = pressed(ring, *SENSORS[0], force=4.0, x=x)
         assert ("beyond 32 mm" in contact_summary("digit", contact)) is cut

@@ -218,7 +218,7 @@ def test_without_friction_a_slide_has_no_tangential_force(twin):
         ("path", "path is 'path' of type str; expected an array of numbers"),
         ([(0, 0, 4)], r"path has shape \(1, 3\); expected \(n, 4\)"),
         ([(0, 0, 0, 4), (0, np.nan, 0, 4)], "path, row 2 is .*; expected finite numbers"),
-        ([(0, 0, 0, 1e3)], "path, row 1: force_n is 1000; expected 0 or a force from 0.01 to 100"),
+        ([(0, 0, 1e5, 4)], "path, row 1: yaw_deg is 100000; expected a number from -36000"),
         ([(0, 0, 0, 0)], "path has no row with contact"),
     ],
 )

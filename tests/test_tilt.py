@@ -182,7 +182,7 @@ def test_a_tilted_shape_off_the_pad_is_refused_with_a_place_that_is_not(tmp_path
     uneven().export(tmp_path / "part.stl")
     with pytest.raises(T2TwinError, match="does not lie over") as error:
         twin().press(tmp_path / "part.stl", x_mm=60.0, tilt_y_deg=20.0)
-    x_mm, y_mm = map(float, re.findall(r"--[xy]-mm ([-\d.]+)", str(error.value)))
+    x_mm, y_mm = map(float, re.findall(r"[xy]_mm ([-\d.]+)", str(error.value)))
     pressed = twin().press(tmp_path / "part.stl", x_mm=x_mm, y_mm=y_mm, tilt_y_deg=20.0)
     assert np.hypot(*centers(pressed).T).max() < 1.0
 

@@ -79,7 +79,6 @@ def attach(
     "visual" for those without collision where there are any. rate_hz: readings per second of
     simulated time; None for one whenever the state has changed. seed: of the camera noise or the
     array's imperfections; None for neither.
-
     Raises T2TwinError for invalid arguments, and for names that do not exist or clash.
     """
     if not isinstance(spec, mujoco.MjSpec):
@@ -97,7 +96,7 @@ def attach(
     turn = arguments.vector(quat, "quat", 4)
     if not turn.any():
         raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
-    turn = turn / np.abs(turn).max()  # whose square is finite
+    turn /= np.abs(turn).max()
     pose = arguments.vector(pos, "pos", 3), turn / np.linalg.norm(turn)
     place = _place(spec, site, body)
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)

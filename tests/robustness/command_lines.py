@@ -18,7 +18,7 @@ PREFIXES = {
 """What a word in capitals stands for."""
 
 NUMBERS = {
-    "PRESS --x-mm": "1e308 500 nan", "PRESS --y-mm": "nan", "PRESS --yaw-deg": "inf",
+    "PRESS --x-mm": "1e308 500 nan", "PRESS --y-mm": "nan", "PRESS --yaw-deg": "inf 1e300",
     "PRESS --force-n": "0 -8 101 nan 8,5", "PRESS --tilt-x-deg": "-30.1 nan",
     "PRESS --thickness-mm": "0 0.3 201 nan", "PRESS --young-mpa": "0 1e-9 1e9 nan",
     "PRESS --poisson": "-0.1 0.5 nan", "PRESS --depth-mm": "0 1e-5 7 nan", "PRESS --seed": "-1 1.5",
