@@ -4,7 +4,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import t2twin
@@ -59,18 +58,6 @@ def test_import_and_help_load_nothing_slow(script):
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.splitlines()[-1] == "loaded"
-
-
-def test_a_touch_has_what_its_docstring_says(shape_cache):
-    touch = t2twin.Twin().press("square-2", force_n=8, yaw_deg=30, x_mm=1.0)
-    assert touch.image.shape == (320, 240, 3) and touch.image.dtype == np.uint8
-    assert touch.counts.shape == (20,) and touch.counts.dtype == np.uint16
-    assert touch.tactile_image.shape == (396, 240)
-    assert touch.tactile_image.max() <= touch.counts.max()
-    assert touch.digit.force_n == pytest.approx(8.0, rel=1e-3)
-    assert touch.cyskin.force_n == pytest.approx(8.0, rel=1e-3)
-    assert touch.command.yaw_rad == pytest.approx(np.pi / 6)
-    assert touch.digit.elastomer.name == "digit" and touch.digit.shape is touch.shape
 
 
 def test_a_shape_a_name_and_a_file_press_alike(tmp_path):

@@ -194,18 +194,6 @@ def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
     assert contact.contact_area_mm2 > 40.0
 
 
-def test_a_splinter_that_carries_all_is_pressed():
-    """Only the smallest pins see it well. It is smaller than the grid, so it does not count as
-    settled."""
-    name, force = "random-1000002550", 0.45414935730194644
-    command = PressCommand(name, -1.352646466373205, 1.0478581369031699, 5.112454390867839, force)
-    contact = solve_contact(random_shape(1000002550), command, COVER, COVER_PITCH_MM)
-    assert contact.equilibrium.converged
-    assert contact.smaller_than_grid and not contact.settled
-    assert contact.force_n == pytest.approx(force, rel=0.005)
-    assert contact.contact_area_mm2 < 0.1
-
-
 def test_mujoco_solves_the_last_step(monkeypatch):
     """Were its contacts to find other springs pressed, nothing would have settled."""
     shape, command = ball(4.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0)

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kinds import taxel_array
-from scipy.spatial import KDTree
 
 from benchmarks.contact.solids import punch
 from t2twin.core.errors import T2TwinError
@@ -71,17 +70,6 @@ def test_every_imperfection_does_what_it_says(sensor):
     assert read(gain_spread=0.1).std() == pytest.approx(1000, rel=0.5)
     assert (read(0, gain_spread=0.1) == read(1, gain_spread=0.1)).all()
     assert 0 < read(white_counts=50.0).std() < 50
-
-
-def test_the_denser_layout_holds_the_default_one():
-    """And one more taxel midway between any two neighbors: a triangular grid of half the pitch."""
-    coarse, fine = load_layout(), load_layout("cyskin-63")
-    places, of = (np.stack([each.x_mm, each.y_mm], 1) for each in (fine, coarse))
-    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbors
-    apart, _ = KDTree(places).query(of)
-    assert apart.max() < 1e-3
-    nearest = KDTree(places).query(places, k=2)[0][:, 1]
-    np.testing.assert_allclose(nearest, 3.75, atol=1e-3)
 
 
 def test_taxels_outside_the_cover_are_an_error(sensor):
