@@ -196,10 +196,8 @@ class Touch(Record):
 
     @property
     def dense_counts(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts of the first taxel array at its dense places.
-
-        Raises T2TwinError without a taxel array.
-        """
+        """(n,) uint16: noiseless counts of the first taxel array at its dense places; raises as
+        `tactile_image` without one."""
         return self._array("dense counts").dense_counts
 
     def save(self, folder: str | Path) -> None:

@@ -55,10 +55,10 @@ class PressCommand:
 
     def __post_init__(self) -> None:
         arguments.text(self.shape, "shape")
-        for name, most in (
-            ("x_mm", np.inf), ("y_mm", np.inf), ("yaw_rad", np.deg2rad(MAX_YAW_DEG + 1e-6)),
-        ):  # fmt: skip
-            arguments.number(getattr(self, name), name, -most, most)
+        for name in ("x_mm", "y_mm"):
+            arguments.number(getattr(self, name), name)
+        most_rad = float(np.deg2rad(MAX_YAW_DEG + 1e-6))  # more by rounding
+        arguments.number(self.yaw_rad, "yaw_rad", -most_rad, most_rad)
         for name in TILT:
             arguments.number(getattr(self, name), name, -MAX_TILT_RAD, MAX_TILT_RAD)
         arguments.real(self.force_n, "force_n")  # `solve_contact` checks its range

@@ -142,15 +142,12 @@ class SensorPair:
         """Raises T2TwinError for a touch that was not pressed into these sensors' layers."""
         for name, contact in touch.contacts.items():
             own = self.by_name.get(name)
-            if own is None:
-                other = f"{name}, but the twin has {' and '.join(self.by_name)}"
-            elif own.elastomer != contact.elastomer or not np.isclose(
-                own.pitch_mm, contact.pitch_mm
-            ):
-                other = f"{name} with another gel, cover or grid than the twin's"
-            else:
-                continue
-            raise T2TwinError(f"the touch is of {other}; press with this twin first")
+            given = contact.elastomer, round(contact.pitch_mm, 6)
+            if own is None or (own.elastomer, round(own.pitch_mm, 6)) != given:
+                raise T2TwinError(
+                    f"the touch is of another twin, whose {name} is missing or has another gel, "
+                    "cover or grid in this one; press with this twin first"
+                )
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
         """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""
