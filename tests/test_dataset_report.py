@@ -37,7 +37,6 @@ def test_a_dataset_alone_has_a_page_of_its_own(small_dataset: Path, tmp_path: Pa
         pytest.param(
             "gelsight-mini", "flexitac", (), "gelsight-mini", marks=pytest.mark.exhaustive
         ),
-        pytest.param("flexitac", "digit", (), "taxel array flexitac", marks=pytest.mark.exhaustive),
         ("digit", "digit", ("saturation",), "digit (source)"),
         ("flexitac", "cyskin-20", ("gallery",), "384 taxels (layout flexitac), each from 0 to"),
     ],

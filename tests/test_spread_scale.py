@@ -19,40 +19,38 @@ from t2twin.translate.uncertainty.calibration import (
 PLACES, PRESSES = 4, 3000
 
 
-def known(
-    presses: int = PRESSES, colored: bool = False
-) -> tuple[SpreadScale, Errors, torch.Tensor]:
+def known(colored: bool) -> tuple[SpreadScale, Errors, torch.Tensor]:
     """Presses with raw spreads of 1 % (force 0.1); half of the errors are three times as wide as
     the others', and the light alone tells which: with colored, its color and not its level."""
     generator = torch.Generator().manual_seed(1)
     at = np.linspace(-9.0, 9.0, PLACES)
     scale = SpreadScale(at, at, (6.0, 8.0), (1, PLACES), 12)
-    in_other_light = torch.rand(presses, generator=generator) < 0.5
+    in_other_light = torch.rand(PRESSES, generator=generator) < 0.5
     shift = torch.where(in_other_light, 1.0, 0.0)[:, None, None, None]
-    images = torch.rand(presses, 6, 12, 12, generator=generator)
+    images = torch.rand(PRESSES, 6, 12, 12, generator=generator)
     if colored:
         images[:, 3:4] += shift
         images[:, 5:6] += 1.0 - shift
     else:
         images += shift
-    share = torch.rand(presses, PLACES, generator=generator)
-    force = torch.randn(presses, generator=generator)
-    spread, of_force = torch.full((presses, PLACES), 0.01), torch.full((presses,), 0.1)
+    share = torch.rand(PRESSES, PLACES, generator=generator)
+    force = torch.randn(PRESSES, generator=generator)
+    spread, of_force = torch.full((PRESSES, PLACES), 0.01), torch.full((PRESSES,), 0.1)
     features = scale.features(
         images, torch.full((3, 12, 12), 0.5), share, spread.log(), force, of_force.log()
     )
     width = torch.where(in_other_light, 3.0, 1.0)
-    noise = torch.randn(presses, PLACES + 1, generator=generator) * width[:, None]
+    noise = torch.randn(PRESSES, PLACES + 1, generator=generator) * width[:, None]
     errors = Errors(0.01 * noise[:, :-1], spread, 0.1 * noise[:, -1], of_force, *features)
     return scale, errors, in_other_light
 
 
 @cache
-def fitted(colored: bool = False) -> tuple[SpreadScale, Errors, torch.Tensor]:
+def fitted(colored: bool) -> tuple[SpreadScale, Errors, torch.Tensor]:
     """The same, with factors fitted to them."""
-    scale, errors, in_other_light = known(colored=colored)
-    fit_scale(scale, [errors])
-    return scale, errors, in_other_light
+    found = known(colored)
+    fit_scale(found[0], [found[1]])
+    return found
 
 
 @pytest.mark.parametrize("colored", [False, True])
@@ -75,7 +73,7 @@ def test_intervals_cover_nine_tenths_in_each_light(colored: bool) -> None:
 
 
 def test_a_fit_starts_from_no_factors_and_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    scale, errors, _ = known()
+    scale, errors, _ = known(False)
     few = scaled(scale, errors)  # not fitted
     assert torch.equal(few.spread, errors.spread)
     assert torch.equal(few.force_spread, errors.force_spread)
@@ -87,7 +85,7 @@ def test_a_fit_starts_from_no_factors_and_is_repeated(monkeypatch: pytest.Monkey
 
 
 def test_a_feature_far_outside_changes_an_interval_by_a_bounded_factor() -> None:
-    scale, errors, _ = fitted()
+    scale, errors, _ = fitted(False)
     assert errors.of_place is not None and errors.of_press is not None
     place, force = scale(1e3 * errors.of_place, -1e3 * errors.of_press)
     for each in (place, force):
