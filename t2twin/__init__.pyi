@@ -2,14 +2,14 @@ from .adaptation.pipeline import adapt as adapt
 from .attachment.mount import attach as attach
 from .attachment.sensor import AttachedSensor as AttachedSensor
 from .attachment.sensor import read_all as read_all
+from .calibration import calibrate as calibrate
+from .calibration import guess_light as guess_light
 from .core.errors import T2TwinError as T2TwinError
 from .core.errors import T2TwinWarning as T2TwinWarning
 from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report
 from .report.run_report import write_report as write_report
-from .sim.calibrate.calibrate import calibrate as calibrate
-from .sim.calibrate.calibrate import guess_light as guess_light
 from .sim.contact.elastomer import Elastomer as Elastomer
 from .sim.contact.types import Contact as Contact
 from .sim.contact.types import PressCommand as PressCommand

@@ -14,7 +14,6 @@ from safetensors.torch import load_file, save_file
 
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import lists, read_split
@@ -174,19 +173,6 @@ def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_
         found = load(run, engine="torch").contact(frames[0], background)
         np.testing.assert_allclose(found.depth_mm, expected.depth_mm, atol=2e-3)
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
-
-
-def test_the_training_alone_refuses_what_it_cannot_start_from(few, data_dir, tmp_path) -> None:
-    for model, run in (("field", None), ("resnet18", "field")):
-        with pytest.raises(T2TwinError):
-            train(model, few, "smoke", tmp_path / "run", init_from=run, contact_alone=True)
-    content = json.loads((few / "info.json").read_text())
-    del content["source"]["contact_grid"], content["recipe"]["contact_maps"]
-    (tmp_path / "info.json").write_text(json.dumps(content))
-    asked: dict[str, Any] = {"init_from": "field", "contact_alone": True}
-    with pytest.raises(T2TwinError, match="no contact maps"):
-        train("field", tmp_path, "cpu", tmp_path / "run", **asked)
-    assert not (tmp_path / "run").exists()
 
 
 def test_the_command_writes_depth_and_contact_of_each_image(

@@ -13,7 +13,6 @@ from waiting import wait_until
 
 import t2twin
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
 from t2twin.live import sources
 from t2twin.live.follow import follow
 from t2twin.live.sources import Frame, LatestFrame, open_source
@@ -186,15 +185,6 @@ def test_a_slow_taker_gets_the_newest_frame():
     last = newest.take(29)
     taken = [each and each.number for each in (first, last, newest.take(49))]
     assert taken == [29, 49, None] and newest.read == 50
-
-
-def test_a_source_s_error_comes_through():
-    def broken():
-        yield None
-        raise T2TwinError("the camera is gone")
-
-    with pytest.raises(T2TwinError, match="gone"):
-        LatestFrame(broken()).take()
 
 
 # Lines

@@ -241,6 +241,17 @@ def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path, asked: dict, says
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("lay", [Path.mkdir, lambda path: None])
+def test_a_run_without_its_state_is_refused(lay, data_dir: Path, tmp_path: Path) -> None:
+    train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    (tmp_path / "last.safetensors").unlink()
+    lay(tmp_path / "last.safetensors")
+    before = (tmp_path / "best.safetensors").read_bytes()
+    with pytest.raises(T2TwinError, match="is missing or no file"):
+        train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    assert (tmp_path / "best.safetensors").read_bytes() == before
+
+
 def test_damaged_state_is_refused(data_dir: Path, tmp_path: Path) -> None:
     train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
     last = tmp_path / "last.safetensors"

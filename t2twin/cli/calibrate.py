@@ -1,6 +1,5 @@
 """t2twin calibrate, t2twin adapt"""
 
-import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,19 +84,14 @@ def calibrate(
         out: Folder for optics.npz and, with presses, optics.json, optics_strip.png and
             optics_coverage.png, which shows the part of the image that no press covers.
     """
+    from t2twin.calibration import calibrate as calibrate_optics
+    from t2twin.calibration import guess_light
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import result_folder
-    from t2twin.sim.calibrate.calibrate import calibrate as calibrate_optics
-    from t2twin.sim.calibrate.calibrate import guess_light
-    from t2twin.sim.calibrate.frames import read_frame, upright_frame
-    from t2twin.translate.inference.load import contact_warnings
 
     if (presses is None) != (ball_diameter_mm is None):
         raise T2TwinError("expected both --presses and --ball-diameter-mm, or none of them")
     background, camera, sensor = fit.background, fit.camera, fit.sensor
-    frame = upright_frame(read_frame(background), camera)
-    for warning in contact_warnings(frame, str(background), sensor):
-        print(f"t2twin: {warning}", file=sys.stderr)
     names = ["optics.npz"]
     if presses is not None:
         names += ["optics.json", "optics_strip.png", "optics_coverage.png"]

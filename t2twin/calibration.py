@@ -1,0 +1,32 @@
+"""`calibrate` and `guess_light`, which warn of a background frame that shows a contact."""
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from t2twin.core.errors import warn
+from t2twin.sim.calibrate import calibrate as fits
+from t2twin.sim.calibrate.frames import read_frame, upright_frame
+from t2twin.translate.inference.load import contact_warnings
+
+P, Result = ParamSpec("P"), TypeVar("Result")
+
+
+def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
+    """The function, which first warns of a contact in its background frame."""
+
+    @wraps(fit)
+    def warned(*given: P.args, **options: P.kwargs) -> Result:
+        bound = inspect.signature(fit).bind(*given, **options)
+        bound.apply_defaults()
+        background, *own = (bound.arguments[name] for name in ("background", "sensor", "camera"))
+        sensor, camera = fits.sensor_and_camera(*own)
+        frame = upright_frame(read_frame(background), camera)
+        warn(*contact_warnings(frame, str(background), sensor.name))
+        return fit(*given, **options)
+
+    return warned
+
+
+calibrate, guess_light = _warning(fits.calibrate), _warning(fits.guess_light)
