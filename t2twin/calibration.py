@@ -10,7 +10,8 @@ from t2twin.sim.calibrate import calibrate as fits
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.translate.inference.load import contact_warnings
 
-P, Result = ParamSpec("P"), TypeVar("Result")
+P = ParamSpec("P")
+Result = TypeVar("Result")
 
 
 def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:

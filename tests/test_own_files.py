@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import OWN, check_own, result_folder
 
 
-def write(folder: Path, *names: str, kind: str = "press", text: str = "own", **options) -> None:
+def write(
+    folder: Path, *names: str, kind: str = "press", text: str = "own", **options: Any
+) -> None:
     with result_folder(folder, kind, **options) as temporary:
         for name in names:
             (temporary / name).parent.mkdir(exist_ok=True)
@@ -28,10 +31,11 @@ def test_an_earlier_result_is_replaced_and_nothing_else(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.glob("[!.]*")} == {"a", "changed", "mine"}
     assert (tmp_path / "a").read_text() == "new" and (tmp_path / OWN).is_file()
     (tmp_path / "link").hardlink_to(tmp_path / "a")
-    for name, options in (
+    wrong: list[tuple[str, dict[str, Any]]] = [
         ("changed", {}), ("mine", {}), ("a", {"kind": "slide"}),
         ("a", {"inputs": [tmp_path / "link"]}),
-    ):  # fmt: skip
+    ]  # fmt: skip
+    for name, options in wrong:
         with pytest.raises(T2TwinError, match=rf"{name} (exists|is an input)"):
             write(tmp_path, "b", name, **options)
         assert not (tmp_path / "b").exists() and (tmp_path / "mine").read_text() == "mine"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct, field
@@ -239,8 +239,8 @@ def _is_shifted(pattern: np.ndarray, fixed: np.ndarray) -> bool:
     shape = [fft.next_fast_len(length, real=True) for length in (half, pattern.shape[1])]
     for rows in (slice(half), slice(half, 2 * half)):
         pair = pattern[rows], fixed[rows]
-        one, other = (fft.rfft2(each, shape, axes=(0, 1)) for each in pair)
-        products.append(fft.irfft2((one * other.conj()).sum(axis=-1), shape))
+        spectra: list[Any] = [fft.rfft2(each, shape, axes=(0, 1)) for each in pair]
+        products.append(fft.irfft2((spectra[0] * spectra[1].conj()).sum(axis=-1), shape))
         squares.append([float(np.vdot(each, each)) for each in pair])
     both = sum(products), np.sum(squares, axis=0)
     for found, (one, other) in (both, *zip(products, squares, strict=True)):
