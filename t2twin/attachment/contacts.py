@@ -179,7 +179,10 @@ def silent_notices(at: Place, geoms: dict[int, str], elastomer: Elastomer) -> li
     reach_m = model.geom_rbound[numbers] + model.geom_rbound[sensor]
     near = (apart_m <= reach_m) | (model.geom_type[numbers] == PLANE)
     return [
-        Notice(model.geom(geom).name or model.body(model.geom_bodyid[geom]).name, geoms[geom])
+        Notice(
+            model.geom(geom).name or model.body(model.geom_bodyid[geom]).name or f"geom {geom}",
+            geoms[geom],
+        )
         for geom in numbers[near].tolist()
         if lies_in(model, data, geom, *frame, elastomer)
     ]

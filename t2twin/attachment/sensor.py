@@ -180,10 +180,11 @@ class AttachedSensor:
         Contacts and poses are those at the beginning of the last step, as for MuJoCo's own sensors.
         The touch has the reading of this sensor alone. `sensor_to_world` is the sensor's pose.
         `notices` has each force of MuJoCo's contacts that the contact lacks by more than 1 % and
-        0.01 N, with the reason. Each reason and each note of the touch is also a T2TwinWarning,
-        once. An unchanged state gives the same touch again, as does each state before the next
-        period of `rate_hz`. The tangential tractions continue those of the last reading of the same
-        MjData, until its time decreases; call `reset` after mj_resetData.
+        0.01 N, and each geom in the soft layer without a contact, with the reason. Each reason and
+        each note of the touch is also a T2TwinWarning, once. An unchanged state gives the same
+        touch again, as does each state before the next period of `rate_hz`. The tangential
+        tractions continue those of the last reading of the same MjData, until its time decreases;
+        call `reset` after mj_resetData.
 
         Raises T2TwinError for another model or data, for values that are not finite, and for a flex
         that touches the sensor.
