@@ -37,7 +37,7 @@ from t2twin.sim.optical.image_renderer import (
 from t2twin.sim.optical.markers import Markers, surface_shift
 from t2twin.sim.optical.optics import SPECS, Optics, is_bundled
 from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
-from t2twin.sim.optical.spec import NO_OPTICS, GelCameraSpec
+from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.optical.units import Unit, UnitRanges, sample_unit
 
@@ -194,7 +194,7 @@ class GelCamera:
         if self.optics_file is not None:
             return Path(self.optics_file)
         own = self.spec.light.optics
-        if own == NO_OPTICS:
+        if own is None:
             return None
         return SPECS / f"{own}.npz" if is_bundled(own) else Path(self.folder) / own
 

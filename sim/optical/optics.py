@@ -32,9 +32,9 @@ SPECS = Path(__file__).parents[1] / "sensors" / "specs"  # bundled sensors' file
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"  # keys in the file, if the noise was measured
 
 
-def is_bundled(source: str) -> bool:
+def is_bundled(source: str | None) -> bool:
     """Whether a sensor file's optics are those of a bundled sensor, by its name."""
-    return Path(source).name == source and (SPECS / f"{source}.npz").exists()
+    return source in [path.stem for path in SPECS.glob("*.npz")]
 
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import LayerTable, MountTable, SensorName
@@ -118,12 +118,14 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     ] = (0.0, 0.0, 0.0)
     gamma: Annotated[Gamma, Meta(description="exponent between light and grey levels")] = 2.2
     optics: Annotated[
-        str,
+        str | None,
         Meta(description="optics file of `t2twin calibrate`, or name of a sensor of equal LEDs"),
-    ] = NO_OPTICS
+    ] = None
 
     def __post_init__(self) -> None:
-        if not self.leds and self.optics == NO_OPTICS:
+        if self.optics == NO_OPTICS:
+            structs.force_setattr(self, "optics", None)
+        if not self.leds and self.optics is None:
             raise T2TwinError("expected at least one of leds and optics")
 
 
