@@ -228,6 +228,7 @@ EFFECTS = (
     ("light.artifacts", "drift_grey", 0, "drift_even_part"),
 )
 """Of a table, the amounts of an effect, the value of all that disables it, and its details."""
+NEEDS = {0: "above 0", 1: "below 1", "fixed": '= "drawn"'}  # by the value that disables an effect
 
 
 def _defaults(record: Struct) -> dict[str, object]:
@@ -242,10 +243,8 @@ def _check_effects(table: str, record: Struct) -> None:
         if values and all(value in (off, (off, off)) for value in values):
             for name in details.split():
                 if getattr(record, name) != _defaults(record)[name]:
-                    raise T2TwinError(
-                        f"{name} of {table} has no effect, as {amounts.replace(' ', ' and ')} of "
-                        f"{table} is {off}; leave it out"
-                    )
+                    needed = f"{amounts.replace(' ', ' or ')} {NEEDS[off]}"
+                    raise T2TwinError(f"{name} of {table} needs {needed}")
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
