@@ -83,11 +83,11 @@ def rotation_of(tilt_x_rad: float, tilt_y_rad: float) -> np.ndarray:
 
 def quaternion_of(tilt_x_rad: float, tilt_y_rad: float, yaw_rad: float) -> np.ndarray:
     """w, x, y, z, (4,), of the rotation of a press from the shape frame to the sensor frame."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    # Turning over and tilting about x add up.
-    angles = tilt_x_rad + np.pi, tilt_y_rad, yaw_rad
-    return Rotation.from_euler("xyz", angles).as_quat(scalar_first=True)
+    # Turning over and tilting about x add up. SciPy's rotations are slow to import.
+    halves = np.array([tilt_x_rad + np.pi, tilt_y_rad, yaw_rad]) / 2
+    (a, b, c), (x, y, z) = np.cos(halves), np.sin(halves)
+    w, first = a * b * c + x * y * z, x * b * c - a * y * z
+    return np.array([w, first, a * y * c + x * b * z, a * b * z - x * y * c])
 
 
 def _surface(

@@ -84,10 +84,10 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     heights = np.zeros((21, 200), dtype=np.float32)
     heights[:, wall - 10 : wall + 1] = -height
     led = np.array([[-15.0, 1.0, -4.0]], dtype=np.float32)  # in line with row 10, left of the wall
-    sight, shadowed = np.ones((1, *heights.shape), dtype=np.float32), np.empty((1, 4), np.int64)
+    sight, shadowed = np.ones((1, *heights.shape), dtype=np.float32), np.zeros((1, 4), np.int64)
     led_visibility(
         heights, start, start, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
-        np.array([0.5]), sight, shadowed,
+        np.array([0.5]), np.empty((3, 200), np.float32), sight, shadowed,
     )  # fmt: skip
     shadow = sight[0, 10, wall + 2 :]
     far = (wall + 2 + np.argmax(shadow > 0.5)) * pitch  # first cell that sees half the disc

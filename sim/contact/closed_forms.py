@@ -41,6 +41,7 @@ import numpy as np
 
 from t2twin.core.cache_dir import cached_array
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.splines import cubic_spline
 
 # Limits on s, between which the hyperbolic functions are accurate and finite. At the upper one the
 # layer is a half-space.
@@ -113,8 +114,6 @@ def smooth_shear_kernels(
     elastomer: Elastomer, thickness_mm: float, rows: int, columns: int, pitch_mm: float
 ) -> np.ndarray:
     """What the rigid base changes in the kernels of a half-space; see `shear_kernels`."""
-    from scipy.interpolate import CubicSpline  # slow to import
-
     x = np.arange(1 - columns, columns) * pitch_mm
     y = np.arange(1 - rows, rows) * pitch_mm
     # The distances are those of a quarter of the grid.
@@ -123,7 +122,7 @@ def smooth_shear_kernels(
     radii = np.linspace(0.0, float(quarter.max()), HANKEL_RADII)
     profiles = base_part(elastomer, np.array([thickness_mm]), radii, pitch_mm, True)[:, 0]
     mean, difference, coupling = (
-        pitch_mm**2 * CubicSpline(radii, profile)(quarter)[every] for profile in profiles
+        pitch_mm**2 * cubic_spline(radii, profile, quarter)[every] for profile in profiles
     )
     distance = np.maximum(quarter[every], 1e-12)
     cos, sin = x / distance, y[:, None] / distance

@@ -32,6 +32,7 @@ from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayou
 from t2twin.sim.contact.solver_loops import (
     FAR_MM,
     iterate,
+    iterate_work,
     penetrated,
     redistribute_force,
     spring_depth,
@@ -280,9 +281,10 @@ class Equilibrium:
             found = np.empty((3, active.size))
             while not is_missed:
                 current, self.depths_mm = self.pressure_mpa[active], self.depths_mm.copy()
+                work = iterate_work(window_shape(pins.window), operator[1], active.size)
                 change, steps = iterate(
                     tolerance, step, steps_left, min_slope, of_active, pins.cover, ends,
-                    self._forces, self.compliance, pins.stiffens, operator, *around, current,
+                    self._forces, self.compliance, pins.stiffens, operator, *around, work, current,
                     *found, self.depths_mm, self._linear_mm,
                 )  # fmt: skip
                 steps_left -= steps

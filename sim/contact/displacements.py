@@ -1,7 +1,6 @@
 """Fields of the displacement by shear: means, motion with the bodies, tolerance, and no folds."""
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.jit import compiled
 
@@ -52,6 +51,8 @@ def moved(
     values: np.ndarray, by_mm: np.ndarray, pitch_mm: float, over: list[np.ndarray]
 ) -> np.ndarray:
     """Values, (n, rows, columns), moved along x and y by those of the nearest body."""
+    from scipy import ndimage  # slow to import
+
     found = values
     for (along_x, along_y), here in zip(by_mm.tolist(), over, strict=True):
         if np.hypot(along_x, along_y) >= MIN_MOVE * pitch_mm:

@@ -72,12 +72,14 @@ def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
     each axis. For one cell it is the mean less the second differences over 24.
     """
     if per_side == 1:
-        return _without_curvature(fine)
+        centers = np.empty(fine.shape)
+        _without_curvature(fine, centers)
+        return centers
     rows, columns = (length // per_side for length in fine.shape)
-    between, found = np.empty((rows, fine.shape[1])), np.empty((rows, columns))
+    between, found = np.empty((rows, fine.shape[1])), np.empty((columns, rows))
     _middle_rows(fine, per_side, CENTER_WEIGHTS, between)
-    _middle_rows(between.T, per_side, CENTER_WEIGHTS, found.T)
-    return found
+    _middle_rows(np.ascontiguousarray(between.T), per_side, CENTER_WEIGHTS, found)
+    return np.ascontiguousarray(found.T)
 
 
 @compiled(nogil=True)
@@ -96,16 +98,15 @@ def _middle_rows(fine, per_side, weights, values):
 
 
 @compiled(nogil=True)
-def _without_curvature(means):
-    """Means less the second differences over 24, which are one-sided at a rim."""
-    centers, (rows, columns) = np.empty(means.shape), means.shape
+def _without_curvature(means, centers):
+    """Write means less the second differences over 24, which are one-sided at a rim."""
+    rows, columns = means.shape
     for i in range(rows):
         above, below = max(i - 1, 0), min(i + 1, rows - 1)
         for j in range(columns):
             left, right = max(j - 1, 0), min(j + 1, columns - 1)
             around = means[above, j] + means[below, j] + means[i, left] + means[i, right]
             centers[i, j] = means[i, j] - (around - 4 * means[i, j]) / 24
-    return centers
 
 
 @compiled(nogil=True)
@@ -120,15 +121,19 @@ def _extent(mask):
     return top, bottom, left, right
 
 
-@compiled(nogil=True)
-def dilated(mask, cells):
+def dilated(mask: np.ndarray, cells: int) -> np.ndarray:
     """A mask, (rows, columns) bool, dilated by a square of 2 cells + 1 a side."""
+    wider = np.zeros(mask.shape, bool)
+    _dilate(mask, cells, wider)
+    return wider
+
+
+@compiled(nogil=True)
+def _dilate(mask, cells, wider):
     rows, columns = mask.shape
-    wider = np.zeros(mask.shape, np.bool_)
     for i in range(rows):
         for j in range(columns):
             if mask[i, j]:
                 for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
                     for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
                         wider[k, m] = True
-    return wider

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.height_map import REACH_MM
@@ -43,6 +42,8 @@ def heights_at(
 
 def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
     """x and y of a press, mm, that puts the shape's highest part over the pad's center."""
+    from scipy import ndimage  # slow to import
+
     step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
     heights = surface.heights_mm[::step, ::step]
     inside = np.asarray(ndimage.distance_transform_edt(heights >= heights.max() - TOP_MM))
@@ -90,7 +91,9 @@ def raise_to_shape(
     the shape is sampled, and the mask's row (y,) and column (x,) of each point.
     """
     shifts = shifts_on(shift, x_mm, y_mm)
-    _raise(*lookup(shape_surface, command), x_mm, y_mm, *shifts, apex_mm, *near, surface_mm)
+    work = np.empty((2, x_mm.size)), np.empty(x_mm.size, int), np.empty(x_mm.size, np.float32)
+    of_shape = lookup(shape_surface, command)
+    _raise(*of_shape, x_mm, y_mm, *shifts, apex_mm, *near, *work, surface_mm)
 
 
 def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
@@ -137,9 +140,11 @@ def heights_along(heights, columns, rows, count, found):
 
 
 @compiled(nogil=True)
-def _raise(heights, place, x_mm, y_mm, shifted, shift, apex, near, near_rows, near_columns, out):
-    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
+def _raise(
+    heights, place, x_mm, y_mm, shifted, shift, apex, near, near_rows, near_columns, places, chosen,
+    found, out,
+):  # fmt: skip
+    columns, rows = places[0], places[1]
     for i in range(y_mm.size):
         wanted, count = near[near_rows[i]], 0
         for j in range(x_mm.size):
@@ -170,7 +175,9 @@ class Footprint:
         """The footprint on cells of per_side x per_side of these."""
         if per_side == 1:
             return self
-        return Footprint(*_coarsened(self.heights_mm, self.shares, self.peaks_mm, per_side))
+        found = np.empty((3, *(size // per_side for size in self.shares.shape)))
+        _coarsen(self.heights_mm, self.shares, self.peaks_mm, per_side, *found)
+        return Footprint(*found)
 
 
 def footprint(
@@ -190,16 +197,26 @@ def footprint(
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
     included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
     shifts = shifts_on(shift, x_mm, y_mm)
-    _footprint(*lookup(surface, command), x_mm, y_mm, *shifts, included, heights, shares, peaks)
-    return Footprint(heights, shares, peaks)
+    found, (of_map, place), size = (heights, shares, peaks), lookup(surface, command), x_mm.size + 1
+    places, at = np.empty((2, heights.size), int), np.empty((2, heights.size))
+    lines = np.empty(size, int), np.empty((4, size)), np.empty((3, size), np.float32)
+    count = _footprint(of_map, place, x_mm, y_mm, *shifts, included, *lines, places, at, *found)
+    if count:
+        work = np.empty((SAMPLES**2 + 2, count), np.float32), np.empty((5, count))
+        _sample_cells(of_map, place, x_mm[1] - x_mm[0], count, places, at, *work, *found)
+    if shift is not None:
+        heights -= shifts[1][2]
+        peaks -= shifts[1][2]
+    return Footprint(*found)
 
 
 @compiled(nogil=True, **INNER)
 def _mean_above(samples, count, lowest, mean, number):
     """Write the mean and the number of each cell's samples that are not below the lowest."""
+    rows = SAMPLES * SAMPLES
     for n in range(count):
         mean[n], number[n] = 0.0, 0.0
-    for k in range(samples.shape[0]):
+    for k in range(rows):
         for n in range(count):
             above = samples[k, n] >= lowest[n]
             mean[n] += samples[k, n] if above else 0.0
@@ -208,14 +225,15 @@ def _mean_above(samples, count, lowest, mean, number):
         mean[n] /= max(number[n], 1.0)
 
 
-@compiled(inline="always")
-def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share, peak):
+@compiled(nogil=True)
+def _sample_cells(heights, place, cell, count, places, at, samples, lines, mean, share, peak):
     """Write mean, share and peak of the part of cells above their walls, from all samples."""
     # Some samples are on the wall, which the map interpolates as a slope. They are left out of the
     # mean: those farther below the mean of all samples than the highest one is above it.
-    samples = np.empty((SAMPLES * SAMPLES, count), np.float32)
-    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
-    columns, rows = np.empty(count), np.empty(count)
+    wall = max(STEEPEST * cell, MIN_WALL_MM)
+    apart, first, cos, sin = cell / SAMPLES, -(SAMPLES - 1) / 2, place[4], place[5]
+    columns, rows, bound, total, number = lines[0], lines[1], lines[2], lines[3], lines[4]
+    low, high = samples[SAMPLES * SAMPLES], samples[SAMPLES * SAMPLES + 1]
     for a in range(SAMPLES):
         for b in range(SAMPLES):
             x, y = (first + b) * apart, (first + a) * apart
@@ -223,8 +241,6 @@ def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share
             for n in range(count):
                 columns[n], rows[n] = at[0, n] + aside, at[1, n] + ahead
             heights_along(heights, columns, rows, count, samples[SAMPLES * a + b])
-    low, high = np.empty(count, np.float32), np.empty(count, np.float32)
-    bound, total, number = np.empty(count), np.empty(count), np.empty(count)
     for n in range(count):
         low[n] = high[n] = samples[0, n]
         bound[n] = NOTHING_MM
@@ -237,7 +253,7 @@ def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share
     _mean_above(samples, count, bound, total, number)
     for n in range(count):
         i, j = places[0, n], places[1, n]
-        mean[i, j], peak[i, j], share[i, j] = total[n], high[n], number[n] / samples.shape[0]
+        mean[i, j], peak[i, j], share[i, j] = total[n], high[n], number[n] / (SAMPLES * SAMPLES)
         if not high[n] - low[n] > wall:
             share[i, j] = 1.0 if low[n] > NOTHING_MM / 2 else 0.0
         else:
@@ -297,19 +313,17 @@ def _chosen_cells(heights, place, x_mm, y_mm, shifted, shift, included, i, chose
 
 
 @compiled(nogil=True)
-def _footprint(heights, place, x_mm, y_mm, shifted, shift, included, mean, share, peak):
-    """Writes mean, share and peak, all (ny, nx), of a Footprint."""
-    cell = x_mm[1] - x_mm[0]
-    wall = max(STEEPEST * cell, MIN_WALL_MM)
+def _footprint(
+    heights, place, x_mm, y_mm, shifted, shift, included, chosen, lines, points, places, at, mean,
+    share, peak,
+):  # fmt: skip
+    """Write mean, share and peak, all (ny, nx), of a Footprint, and the places of the cells with a
+    wall, and their centers on the map; returns their number."""
+    wall, walls = max(STEEPEST * (x_mm[1] - x_mm[0]), MIN_WALL_MM), 0
     # The sampled cells of a row, their heights, and those at the corners above and below the row.
-    chosen = np.empty(x_mm.size, np.int64)
-    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    along, below = np.empty(x_mm.size + 1), np.empty(x_mm.size + 1)
-    found = np.empty(x_mm.size + 1, np.float32)
-    upper, lower = np.empty(x_mm.size + 1, np.float32), np.empty(x_mm.size + 1, np.float32)
+    columns, rows, along, below = lines[0], lines[1], lines[2], lines[3]
+    found, upper, lower = points[0], points[1], points[2]
     known_from = known_to = 0  # of the corners above the row
-    # The cells with a wall, and their centers on the map.
-    walls, places, at = 0, np.empty((2, mean.size), np.int64), np.empty((2, mean.size))
     for i in range(y_mm.size):
         for j in range(x_mm.size):
             mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
@@ -344,18 +358,12 @@ def _footprint(heights, place, x_mm, y_mm, shifted, shift, included, mean, share
                 share[i, j] = 1.0
         upper, lower = lower, upper
         known_from, known_to = first, last
-    _sampled_cells(heights, place[4], place[5], cell, wall, walls, places, at, mean, share, peak)
-    if shifted:
-        for i in range(y_mm.size):
-            for j in range(x_mm.size):
-                mean[i, j] -= shift[2, i, j]
-                peak[i, j] -= shift[2, i, j]
+    return walls
 
 
 @compiled(nogil=True)
-def _coarsened(heights, shares, peaks, per_side):
-    """Mean, share and peak of cells of per_side x per_side cells."""
-    mean, share, peak = np.empty((3, heights.shape[0] // per_side, heights.shape[1] // per_side))
+def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
+    """Write mean, share and peak of cells of per_side x per_side cells."""
     for i in range(mean.shape[0]):
         for j in range(mean.shape[1]):
             covered, total, most = 0.0, 0.0, peaks[i * per_side, j * per_side]
@@ -367,4 +375,3 @@ def _coarsened(heights, shares, peaks, per_side):
                         total += shares[k, m] * heights[k, m]
             peak[i, j], share[i, j] = most, covered / per_side**2
             mean[i, j] = total / max(covered, MIN_COVER) if covered > 0.0 else NOTHING_MM
-    return mean, share, peak

@@ -10,10 +10,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from rocket_fft import c2c, c2r, r2c
-from scipy import fft
 
-from t2twin.core.jit import INNER, compiled
+from t2twin.core.jit import INNER, c2c, c2r, compiled, next_fast_len, r2c
 from t2twin.sim.contact.closed_forms import (
     HANKEL_RADII,
     base_part,
@@ -24,6 +22,7 @@ from t2twin.sim.contact.closed_forms import (
 )
 from t2twin.sim.contact.elastomer import Elastomer, neo_hookean_mm
 from t2twin.sim.contact.grid import Window, block_means, window_shape
+from t2twin.sim.splines import cubic_spline
 
 THICKNESSES = 17  # thicknesses at which a domed layer's response to pressure is computed
 # Principal components that represent the responses of all thicknesses. The error is 0.6 % of the
@@ -61,15 +60,17 @@ class WindowTransforms:
         of = np.ix_(*(offset + at for offset, at in zip(offsets, middle, strict=True)))
         cut = np.zeros((len(self.kernels), *padded), np.float32)
         cut[:, *to] = self.kernels[:, *of]
-        found, even = np.asarray(fft.rfft2(cut)), len(cut) - self._odd
+        found = np.empty((*cut.shape[:2], padded[1] // 2 + 1), np.complex64)
+        _transform(cut, found)
+        even = len(cut) - self._odd
         return np.concatenate([np.real(found[:even]), np.imag(found[even:])])
 
 
 @lru_cache(maxsize=256)
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, int]:
     """D and A of windows of (R, C): fast transforms without wrapping around."""
-    rows, columns = (fft.next_fast_len(2 * length - 1, real=True) for length in shape)
-    return int(rows or 1), int(columns or 1)
+    rows, columns = (next_fast_len(2 * length - 1, True) for length in shape)
+    return rows, columns
 
 
 class Layer:
@@ -170,6 +171,7 @@ class Layer:
         return kernel, columns, smooth, node_columns, weights, *self._interpolation, work
 
 
+DOWN, ALONG, BOTH = np.array([0]), np.array([1]), np.array([1, 2])  # axes of transforms
 NO_KERNELS = np.zeros((0, 1, 1), np.float32)
 
 
@@ -181,8 +183,6 @@ def cached_layer(elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> La
 
 def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The kernel, the further ones on nodes and their weights, and the thickest place's kernel."""
-    from scipy.interpolate import CubicSpline  # slow to import
-
     elastomer, pitch = layer.elastomer, layer.pitch_mm
     x, y = (np.arange(1 - size, size) * pitch for size in (layer.columns, layer.rows))
     half_space = half_space_deflection(elastomer, x, y, pitch)
@@ -198,7 +198,7 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     radii = np.linspace(0.0, float(node_distance.max()), HANKEL_RADII)
 
     def kernel_of(profile: np.ndarray, distance_mm: np.ndarray) -> np.ndarray:
-        return pitch**2 * CubicSpline(radii, profile)(distance_mm)
+        return pitch**2 * cubic_spline(radii, profile, distance_mm)
 
     thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
@@ -215,9 +215,9 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     deviations = (profiles - mean) * ring
     _, _, axes = np.linalg.svd(np.sqrt(shares)[:, None] * deviations, full_matrices=False)
     axes = axes[:COMPONENTS]
-    scores = CubicSpline(levels, deviations @ axes.T)
+    scores, inside = deviations @ axes.T, at_nodes.clip(thinnest, thickest)
     smooth = np.stack([kernel_of(each, node_distance) for each in axes / ring])
-    weights = np.moveaxis(scores(at_nodes.clip(thinnest, thickest)), -1, 0)
+    weights = np.stack([cubic_spline(levels, each, inside) for each in scores.T])
     return (
         (half_space + kernel_of(mean, distance)).astype(np.float32),
         smooth.astype(np.float32),
@@ -355,13 +355,12 @@ def convolve(
     (kernels, M, N) of these. first, taps: see `interpolation`. work: see `Layer.operator`.
     """
     rows, spectrum, back, node_pressure, node_rows, node_spectrum, part, nodes, lines = work
-    along, down = np.array([1]), np.array([0])
-    r2c(pressure, rows, along, True, 1.0, 1)
-    c2c(rows, spectrum, down, True, 1.0, 1)
+    r2c(pressure, rows, ALONG, True, 1.0, 1)
+    c2c(rows, spectrum, DOWN, True, 1.0, 1)
     _multiply(spectrum, kernel, spectrum)
-    c2c(spectrum, spectrum, down, False, 1.0, 1)
+    c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
     scale = 1.0 / (spectrum.shape[0] * columns)
-    c2r(spectrum[: rows.shape[0]], back, along, False, scale, 1)
+    c2r(spectrum[: rows.shape[0]], back, ALONG, False, scale, 1)
     # Element by element: assigning an array compiles its error messages too, for seconds.
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
@@ -369,18 +368,24 @@ def convolve(
     if smooth.shape[0] == 0:
         return
     _to_nodes(pressure, first, taps, lines, node_pressure)
-    r2c(node_pressure, node_rows, along, True, 1.0, 1)
-    c2c(node_rows, node_spectrum, down, True, 1.0, 1)
+    r2c(node_pressure, node_rows, ALONG, True, 1.0, 1)
+    c2c(node_rows, node_spectrum, DOWN, True, 1.0, 1)
     scale = 1.0 / (node_spectrum.shape[0] * node_columns)
     for k in range(smooth.shape[0]):
         _multiply(node_spectrum, smooth[k], part)
-        c2c(part, part, down, False, 1.0, 1)
-        c2r(part[: node_rows.shape[0]], node_pressure, along, False, scale, 1)
+        c2c(part, part, DOWN, False, 1.0, 1)
+        c2r(part[: node_rows.shape[0]], node_pressure, ALONG, False, scale, 1)
         for i in range(nodes.shape[0]):
             for j in range(nodes.shape[1]):
                 before = nodes[i, j] if k > 0 else np.float32(0.0)
                 nodes[i, j] = before + weights[k, i, j] * node_pressure[i, j]
     _add_from_nodes(nodes, first, taps, lines, linear)
+
+
+@compiled(nogil=True)
+def _transform(values, spectra):
+    """Write the transforms of (n, rows, columns) values along rows and columns."""
+    r2c(values, spectra, BOTH, True, 1.0, 1)
 
 
 @compiled(nogil=True)
@@ -447,14 +452,13 @@ def respond(loads, kernels, work, is_known, response):
     these loads.
     """
     lines, rows, spectra, spectrum, back = work
-    along, down = np.array([1]), np.array([0])
     if not is_known:
         for k in range(loads.shape[0]):
             for i in range(loads.shape[1]):
                 for j in range(loads.shape[2]):
                     lines[i, j] = loads[k, i, j]
-            r2c(lines, rows, along, True, 1.0, 1)
-            c2c(rows, spectra[k], down, True, 1.0, 1)
+            r2c(lines, rows, ALONG, True, 1.0, 1)
+            c2c(rows, spectra[k], DOWN, True, 1.0, 1)
     scale = 1.0 / (spectrum.shape[0] * lines.shape[1])
     for k in range(response.shape[0]):
         if loads.shape[0] == 1:
@@ -462,8 +466,8 @@ def respond(loads, kernels, work, is_known, response):
         else:
             first, second = kernels[(0, 1, 3)[k]], kernels[(1, 2, 4)[k]]
             _by_shear(first, second, spectra, k == 2, spectrum)
-        c2c(spectrum, spectrum, down, False, 1.0, 1)
-        c2r(spectrum[: rows.shape[0]], back, along, False, scale, 1)
+        c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
+        c2r(spectrum[: rows.shape[0]], back, ALONG, False, scale, 1)
         for i in range(response.shape[1]):
             for j in range(response.shape[2]):
                 response[k, i, j] = back[i, j]

@@ -14,7 +14,6 @@ from math import ceil
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
@@ -70,6 +69,7 @@ MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 BLADE_CELLS = 8
 BETWEEN = 8  # points along a fine cell at which a tilted shape's first touch is searched (assumed)
 MARGIN_CELLS = 1  # survey cells around the expected contact that get pins too
+NO_PLACE = 2**62  # beyond all cells
 GUESSES = 3  # rounds in which springs and their expected contact are adapted to each other
 # Mean deflection of a uniformly loaded square of side s on a half-space, over (1 - nu^2) p s / E
 # (Johnson, Contact Mechanics, 1985, section 3.3).
@@ -224,11 +224,15 @@ class Pins:
 
     def gather(self, pressure_mpa: np.ndarray, per_cell: int, first: np.ndarray) -> np.ndarray:
         """(n,) pressures with the forces of each body's mean pressures on larger cells."""
-        return _gathered(pressure_mpa, per_cell, first, self.bodies, *self.blocks, self.covered)
+        pressure, of_pins = np.empty(self.rows.size), (self.bodies, *self.blocks, self.covered)
+        _gather(pressure_mpa, per_cell, first, *of_pins, pressure)
+        return pressure
 
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
-        return _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape[1:], bool))
+        found, near = np.zeros(chosen.size, bool), np.zeros(self.cover.shape[1:], bool)
+        _with_neighbors(*self.blocks, chosen, near, found)
+        return found
 
     def window_of(self, chosen: np.ndarray) -> Window:
         """The window of fine cells that contains the chosen pins, of one of few sizes."""
@@ -398,6 +402,8 @@ def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
     corners[:, 1:] &= ~touched[:, :-1]
     if pins >= PART_PINS * np.count_nonzero(corners):
         return FINER
+    from scipy import ndimage  # slow to import
+
     labels: Any = ndimage.label(touched)
     return (*FINER, 2 * FINER[-1]) if pins < PART_PINS * labels[1] else FINER
 
@@ -441,8 +447,7 @@ def _blocks(along, per_cell, rows, columns, sides):
 
 
 @compiled(nogil=True)
-def _gathered(coarse, per_cell, first, bodies, rows, columns, sides, covered):
-    pressure = np.empty(rows.size)
+def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
     down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
     for n in range(rows.size):
         body, total = bodies[n], 0.0
@@ -451,12 +456,11 @@ def _gathered(coarse, per_cell, first, bodies, rows, columns, sides, covered):
             for j in range(max(left, 0), min(left + sides[n], across)):
                 total += coarse[body, i // per_cell, j // per_cell]
         pressure[n] = total / covered[n]
-    return pressure
 
 
 @compiled(nogil=True)
-def _with_neighbors(rows, columns, sides, chosen, near):
-    (down, across), found = near.shape, np.zeros(chosen.size, np.bool_)
+def _with_neighbors(rows, columns, sides, chosen, near, found):
+    down, across = near.shape
     for n in range(chosen.size):
         if chosen[n]:
             side = sides[n]
@@ -467,7 +471,6 @@ def _with_neighbors(rows, columns, sides, chosen, near):
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
                 found[n] |= near[i, j]
-    return found
 
 
 @compiled(inline="always")
@@ -539,7 +542,7 @@ def _place(
 @compiled(nogil=True)
 def _extent(rows, columns, sides, chosen):
     """First and last row, first and last column of the chosen pins' cells."""
-    top = left = np.iinfo(np.int64).max
+    top = left = NO_PLACE
     bottom = right = -1
     for n in range(rows.size):
         if chosen[n]:

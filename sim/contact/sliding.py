@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -277,6 +276,8 @@ def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
         return [np.ones(window_shape(window), bool)]
     loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
     if loaded.any():
+        from scipy import ndimage  # slow to import
+
         nearest = ndimage.distance_transform_edt(
             ~loaded, return_distances=False, return_indices=True
         )

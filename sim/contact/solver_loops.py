@@ -228,64 +228,67 @@ class Anderson:
 
 @compiled(nogil=True, **INNER)
 def spring_step(
-    min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
-    rest, depths,
+    min_slope, ends, gap, area, edge, forces, compliance, surface, slope, tops, stiffness, current,
+    pressure, local, rest, depths,
 ):  # fmt: skip
     """Fit the springs of each body to the surface under `current`, and write the pressures on them;
     returns the largest change."""
     change = 0.0
     for body in range(forces.size):
         low, high = ends[body], ends[body + 1]
-        tops, stiffness, deflection = np.empty((3, high - low))
         for n in range(low, high):
             # A stiffened place has a stiffer spring. The converged surface does not depend on the
             # springs, so limiting the slope only keeps them finite.
             local[n] = (compliance[body] + edge[n]) * max(slope[n], min_slope)
             rest[n] = surface[n] + (edge[n] * slope[n] - local[n]) * current[n]
-            tops[n - low] = gap[n] + rest[n]
-            stiffness[n - low] = area[n] * compliance[body] / local[n]
-        depths[body] = spring_depth(forces[body], tops, stiffness, depths[body])
+            tops[n] = gap[n] + rest[n]
+            stiffness[n] = area[n] * compliance[body] / local[n]
+        depths[body] = spring_depth(forces[body], tops[low:high], stiffness[low:high], depths[body])
         for n in range(low, high):
-            deflection[n - low] = depths[body] - gap[n]
+            tops[n] = depths[body] - gap[n]  # the deflection
         own = redistribute_force(
-            deflection, rest[low:high], local[low:high], area[low:high], current[low:high],
+            tops[low:high], rest[low:high], local[low:high], area[low:high], current[low:high],
             pressure[low:high],
         )  # fmt: skip
         change = max(change, own)
     return change
 
 
+def iterate_work(shape: tuple[int, int], across: int, pins: int) -> tuple[np.ndarray, ...]:
+    """Arrays that `iterate` works in, for a window of a shape and transforms of so many columns."""
+    sums = np.zeros((shape[0] + 1, shape[1] + 1, 2))
+    memory = np.zeros((2 * MEMORY + 2, pins)), np.zeros((MEMORY, MEMORY)), np.zeros(3, np.int64)
+    return np.empty((shape[0], across), np.float32), sums, np.empty((5, pins)), *memory
+
+
 @compiled(nogil=True)
 def iterate(
     tolerance, step, max_steps, min_slope, pins, cover, ends, forces, compliance, stiffens,
-    operator, reaches, gains, current, pressure, local, rest, depths, linear,
+    operator, reaches, gains, work, current, pressure, local, rest, depths, linear,
 ):  # fmt: skip
     """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
 
     step: size of the steps, 1 for full ones, which are preconditioned and accelerated. pins: see
     Pins.arrays. ends: (bodies + 1,) of the bodies among the pins. forces: (bodies,) in units of a
-    fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa. current: (n,) the initial
-    pressure, MPa; afterwards that at which the last step started. Writes pressure, local, rest,
-    (n,), depths, (bodies,), and linear, (R, C), the deflection of the linear layer, of the last
-    step. Returns the last change and the number of steps.
+    fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa. work: see `iterate_work`.
+    current: (n,) the initial pressure, MPa; afterwards that at which the last step started. Writes
+    pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the linear
+    layer, of the last step. Returns the last change and the number of steps.
     """
-    kernel, across, smooth, node_across, weights, first, taps, work = operator
+    kernel, across, smooth, node_across, weights, first, taps, of_layer = operator
+    fine, sums, of_pins, memory, normal, counts = work
     bodies, rows, columns, sides, gap, area, edge, thickness = pins
-    size, change = gap.size, np.inf
-    fine = np.zeros((linear.shape[0], across), np.float32)
-    surface, slope, mixed = np.empty(size), np.empty(size), np.empty(size)
-    sums = np.zeros((linear.shape[0] + 1, linear.shape[1] + 1, 2))
-    memory, normal = np.zeros((2 * MEMORY + 2, size)), np.zeros((MEMORY, MEMORY))
-    counts = np.zeros(3, np.int64)
+    surface, slope, tops, stiffness = of_pins[0], of_pins[1], of_pins[2], of_pins[3]
+    size, change, mixed = gap.size, np.inf, of_pins[4]
     for steps in range(1, max_steps + 1):
         spread(current, bodies, rows, columns, sides, cover, fine)
-        convolve(fine, kernel, across, smooth, node_across, weights, first, taps, work, linear)
+        convolve(fine, kernel, across, smooth, node_across, weights, first, taps, of_layer, linear)
         _mean_deflections(
             linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
         )
         change = spring_step(
-            min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure,
-            local, rest, depths,
+            min_slope, ends, gap, area, edge, forces, compliance, surface, slope, tops, stiffness,
+            current, pressure, local, rest, depths,
         )  # fmt: skip
         if steps >= MIN_STEPS and change < tolerance:
             return change, steps

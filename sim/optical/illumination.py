@@ -184,11 +184,11 @@ class Rays:
         """Cosine and weight (LEDs, S) in a region; depth is filled as `incidence` fills it."""
         depth = self._rest_depth_mm.copy() if depth is None else depth
         cosine = np.empty((len(leds.places_mm), *depth.shape), dtype=np.float32)
-        weight = np.empty_like(cosine)
+        weight, lines = np.empty_like(cosine), np.zeros((6, depth.shape[1]), np.float32)
         incidence(
             z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
             leds.places_mm.astype(np.float32), np.float32(REACH_MM), self._across, self._down,
-            *self._frame, samples, steps, depth, cosine, weight,
+            *self._frame, samples, steps, lines, depth, cosine, weight,
         )  # fmt: skip
         return cosine, weight
 
@@ -217,11 +217,12 @@ class Rays:
             np.float32(SHADOW_STRIDE * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
             np.ascontiguousarray(leds.places_mm, dtype=np.float32),
-            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard, shadowed,
+            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64),
+            np.empty((3, heights.shape[1]), np.float32), hard, shadowed,
         )  # fmt: skip
         shadowed[shadowed[:, 1] > 0] += GROWN
         sight = hard.copy()
-        soften(hard, shadowed, sight)
+        soften(hard, shadowed, np.empty(heights.shape[1], np.float32), sight)
         return sight, SHADOW_STRIDE * shadowed
 
     def _pixels(self, region: Region, nearest_mm: float) -> Region:
@@ -271,20 +272,22 @@ def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
     )  # fmt: skip
 
 
-@jit_finite
-def smoothed(surface):
+def smoothed(surface: np.ndarray) -> np.ndarray:
     """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
+    across, out = np.zeros((2, *surface.shape), np.float32)
+    _smooth(surface, np.empty(surface.shape[1] + COATING_TAPS.size - 1, np.float32), across, out)
+    return out
+
+
+@jit_finite
+def _smooth(surface, padded, across, out):
+    """Write `smoothed` to out; out and across are zero before."""
     ny, nx = surface.shape
     taps, reach = COATING_TAPS.size, COATING_TAPS.size // 2
-    padded = np.empty(nx + 2 * reach, dtype=np.float32)
-    across = np.zeros_like(surface)
-    out = np.zeros_like(surface)
     for i in range(ny):
-        padded[:reach] = surface[i, 0]
         row = surface[i]
-        for j in range(nx):  # an assignment of arrays would compile its error messages
-            padded[reach + j] = row[j]
-        padded[reach + nx :] = surface[i, nx - 1]
+        for j in range(padded.size):
+            padded[j] = row[min(max(j - reach, 0), nx - 1)]
         row = across[i]
         for k in range(taps):
             tap, shifted = COATING_TAPS[k], padded[k : k + nx]
@@ -302,7 +305,7 @@ def smoothed(surface):
 @jit_finite
 def incidence(
     z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
-    steps, depth, cosine, weight,
+    steps, lines, depth, cosine, weight,
 ):  # fmt: skip
     """Fill a region of depth (S), cosine m_k and weight V_k m_k (REACH / d_k)^2 (LEDs, S) where the
     rays meet the gel.
@@ -310,7 +313,7 @@ def incidence(
     z: heights (G). sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
     region of G, shadowed (LEDs, 4). leds: (LEDs, 3). depth: initially z of the gel at rest. across,
     down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0: center of G's
-    first cell. A ray starts from the displacement in the row above.
+    first cell. A ray starts from the displacement in the row above. lines: (6, columns of S) zeros.
     """
     # each row in two passes: the surface, with scattered reads, then the LEDs, vectorized
     per_mm = _ONE / pitch
@@ -318,10 +321,8 @@ def incidence(
     reach2 = reach_mm * reach_mm
     first, end = region[2], region[3]
     across = across[first:end]
-    slope_x, slope_y = np.empty_like(across), np.empty_like(across)
-    part = np.ones((leds.shape[0], across.size), dtype=np.float32)
-    moved = np.zeros_like(across)
-    rows, columns = np.empty_like(across), np.empty_like(across)
+    slope_x, slope_y, part, moved = lines[0], lines[1], lines[2], lines[3]
+    rows, columns = lines[4], lines[5]
     shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
     for row in range(region[0], region[1]):
         heights = depth[row, first:end]
@@ -337,13 +338,13 @@ def incidence(
             top, bottom = shadowed[k, 0], shadowed[k, 1]
             left, right = shadowed[k, 2], shadowed[k, 3]
             for n in range(across.size):
-                part[k, n] = _ONE
+                part[n] = _ONE
                 if top <= rows[n] < bottom and left <= columns[n] < right:
-                    part[k, n] = at_cell(
+                    part[n] = at_cell(
                         sight[k], (rows[n] - shift) * per_cell, (columns[n] - shift) * per_cell
                     )
             _shine(
-                leds[k], part[k], reach2, across, down[row], distance, heights, slope_x, slope_y,
+                leds[k], part, reach2, across, down[row], distance, heights, slope_x, slope_y,
                 cosine[k, row, first:end], weight[k, row, first:end],
             )  # fmt: skip
 
@@ -403,19 +404,20 @@ def _shine(
 
 
 @jit_finite
-def light(cosine, weight, gain, rest, region, seen):
-    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S). gain: (gain_rows of
-    S, LEDs, RGB, COSINE_TERMS, columns of S), interpolated linearly between its rows."""
+def light(cosine, weight, gain, between, blended, total, rest, region, seen):
+    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S).
+
+    gain: (gain_rows of S, LEDs * RGB * COSINE_TERMS * columns of S), interpolated linearly between
+    its rows. between, (LEDs, RGB, COSINE_TERMS, columns of S), which is blended in one line, and
+    total, columns of the region, are work arrays.
+    """
     first, end = region[2], region[3]
-    leds, colors, columns = gain.shape[1], gain.shape[2], gain.shape[4]
-    between = np.empty((leds, colors, COSINE_TERMS, columns), dtype=np.float32)
-    blended = between.ravel()
-    total = np.empty(end - first, dtype=np.float32)
+    leds, colors = between.shape[0], between.shape[1]
     for row in range(region[0], region[1]):
         above = row // GAIN_STRIDE
         apart = max(min(GAIN_STRIDE, cosine.shape[1] - 1 - GAIN_STRIDE * above), 1)
         part = np.float32(row % GAIN_STRIDE) / np.float32(apart)
-        upper, lower = gain[above].ravel(), gain[above + 1].ravel()
+        upper, lower = gain[above], gain[above + 1]
         for n in range(blended.size):
             blended[n] = upper[n] + part * (lower[n] - upper[n])
         for c in range(colors):
@@ -488,15 +490,15 @@ def fill_normals(z, depth, across, down, distance, x0, y0, pitch, region, normal
 
 
 @jit_finite
-def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, sight, shadowed):
+def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, lines, sight, shadowed):
     """Fill sight (LEDs, C), initially 1, with the visible fraction of each LED's disc at each cell,
-    and shadowed (LEDs, 4) with the region of C where it is below 1.
+    and shadowed (LEDs, 4), initially 0, with the region of C where it is below 1.
 
     heights: (C); x0, y0: center of its first cell. caster, window: regions of C that may block rays
-    and that are computed. leds: (LEDs, 3). Every second cell is computed first. A cell between is
-    skipped if its computed neighbors see the whole disc, since no shadow of a disc is thinner.
+    and that are computed. leds: (LEDs, 3). lines: (3, columns), is a work array. Every second cell
+    is computed first. A cell between is skipped if its computed neighbors see the whole disc, since
+    no shadow of a disc is thinner.
     """
-    shadowed[:] = 0
     if caster[1] <= caster[0] or caster[3] <= caster[2]:
         return
     nearest = heights[caster[0], caster[2]]
@@ -504,9 +506,7 @@ def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, sight, s
         for j in range(caster[2], caster[3]):
             nearest = min(nearest, heights[i, j])
     nearest = nearest - _BIAS
-    columns = heights.shape[1]
-    fars, begins = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    ends = np.empty(columns, dtype=np.float32)
+    fars, begins, ends = lines[0], lines[1], lines[2]
     for k in range(leds.shape[0]):
         led, size, seen = leds[k], np.float32(sizes[k]), sight[k]
         top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
@@ -621,12 +621,12 @@ def _fraction_above_chord(cut):
 
 
 @jit_finite
-def soften(sight, shadowed, softened):
+def soften(sight, shadowed, down, softened):
     """Fill the regions shadowed (LEDs, 4) of softened with sight (LEDs, C) blurred by 1, 2, 1 along
-    both axes: the effect of the discs' width at edges along the ray, about one cell."""
+    both axes: the effect of the discs' width at edges along the ray, about one cell. down: a row's
+    work array."""
     ny, nx = sight.shape[1], sight.shape[2]
     half, quarter = np.float32(0.5), np.float32(0.25)
-    down = np.empty(nx, dtype=np.float32)
     for k in range(sight.shape[0]):
         left, right = max(shadowed[k, 2], 1), min(shadowed[k, 3], nx - 1)
         for i in range(max(shadowed[k, 0], 1), min(shadowed[k, 1], ny - 1)):

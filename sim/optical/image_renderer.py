@@ -48,7 +48,7 @@ LED_PLACES = 48  # places along each axis where beams are fitted (assumed: they 
 
 Color = tuple[float, float, float]
 
-NO_FRAME = np.zeros((0, 0, 0), dtype=np.float32)  # measured noise, where there is none
+NO_FRAME = np.zeros((0, 0), dtype=np.float32)  # measured noise, where there is none
 
 
 class ImageRenderer(Keeper):
@@ -214,7 +214,12 @@ class ImageRenderer(Keeper):
     ) -> np.ndarray:
         """(RGB, S) light of the LEDs in a region of samples, minus that at rest."""
         seen = np.zeros_like(rest)
-        illumination.light(cosine, weight, self._gain, rest, samples, seen)
+        gain, total = self._gain, np.empty(samples[3] - samples[2], np.float32)
+        between = np.empty(gain.shape[1:], np.float32)
+        illumination.light(
+            cosine, weight, gain.reshape(len(gain), -1), between, between.ravel(), total, rest,
+            samples, seen,
+        )  # fmt: skip
         if self._lobe_gain is not None:
             normals = rays.normals(coated_mm, samples)
             illumination.add_lobe(normals, weight, self._lobe_gain, samples, seen)
@@ -237,11 +242,14 @@ class ImageRenderer(Keeper):
             own_keys, sigma = keys(rng), np.float32(noise_grey)
         elif rng is not None and self.optics.noise is not None:
             rows, columns = background.shape[:2]
-            frame = self.optics.noise.sample(rng, rows, columns)
+            frame = self.optics.noise.sample(rng, rows, columns).reshape(rows, -1)
             sigma = np.float32(noise_grey / self.noise_grey)
+        rows, pairs = len(out), (2, 3 * (out.shape[1] + out.shape[1] % 2))
+        lines = np.empty((3, change.shape[2]), np.float32), np.empty(pairs, np.float32)
         response.encode(
-            change, background, self._light, self._table, pixels, shade, own_keys, quantiles(),
-            sigma, frame, out,
+            change, background.reshape(rows, -1), self._light, self._table, pixels, shade,
+            own_keys, quantiles(), sigma, frame, *lines, np.empty(pairs, np.uint32),
+            out.reshape(rows, -1),
         )  # fmt: skip
         return out
 

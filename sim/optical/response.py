@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from functools import cache, reduce
 
 import numpy as np
-from scipy.special import ndtri
 
 from t2twin.core.arrays import Record
+from t2twin.core.cache_dir import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.compiled import inlined, jit, jit_finite
 
@@ -50,6 +50,12 @@ def keys(rng: np.random.Generator) -> Keys:
 @cache
 def quantiles() -> np.ndarray:
     """(2^BITS,) float32 standard normal quantiles, at the middles of equal probabilities."""
+    return cached_array("optics", f"quantiles {BITS}", __file__, _quantiles)
+
+
+def _quantiles() -> np.ndarray:
+    from scipy.special import ndtri  # slow to import
+
     count = 2**BITS
     return ndtri((np.arange(count) + 0.5) / count).astype(np.float32)
 
@@ -131,27 +137,29 @@ def linear(grey: np.ndarray, gamma: float) -> np.ndarray:
 
 
 @jit_finite
-def encode(change, background, light, table, region, shade, keys, quantiles, sigma, noise, out):
-    """Fill out (P, RGB) uint8: the encoded sum of background light and change, plus noise.
+def encode(
+    change, background, light, table, region, shade, keys, quantiles, sigma, noise, lines, values,
+    indices, out,
+):  # fmt: skip
+    """Fill out (rows, columns * RGB) uint8: the encoded sum of background light and change, plus
+    noise.
 
-    P is the image, S its lattice of samples as in t2twin.sim.optical.illumination. change: (RGB, S)
-    linear light, interpolated to the pixels of a region; the others show the background (P, RGB),
-    grey levels. light: (256,) linear light of each grey level. table: of ENCODING_STEPS. shade:
-    (P) factors of the grey levels, or empty. noise: (P, RGB), multiplied by sigma; if it is empty,
-    white noise of standard deviation sigma, grey levels, from keys and quantiles.
+    S is the image's lattice of samples as in t2twin.sim.optical.illumination. change: (RGB, S)
+    linear light, interpolated to the pixels of a region; the others show the background, grey
+    levels. light: (256,) linear light of each grey level. table: of ENCODING_STEPS. shade: (rows,
+    columns) factors of the grey levels, or empty. noise: like out, multiplied by sigma; if it is
+    empty, white noise of standard deviation sigma, grey levels, from keys and quantiles. lines: (3,
+    columns of S), values, indices: (2, RGB of whole pairs of columns), are work arrays.
     """
     last = np.float32(table.size - 1)
-    rows, columns = background.shape[0], background.shape[1]
+    rows, columns = background.shape[0], background.shape[1] // 3
     is_white = noise.size == 0 and sigma > _ZERO
-    lines = np.empty((3, change.shape[2]), dtype=np.float32)
-    width = 3 * (columns + columns % 2)  # of whole pairs of columns
-    grey, value = np.empty(3 * columns, dtype=np.float32), np.empty(width, dtype=np.float32)
-    entry, chosen = np.empty(width, dtype=np.uint32), np.empty(width, dtype=np.uint32)
+    grey, value, entry, chosen = values[0], values[1], indices[0], indices[1]
     # in pairs of columns, so that no loop starts within a sample; indices of slices are never
     # negative, so their loops are vectorized
     pairs, end = region[2] // 2, (region[3] + 1) // 2
     for row in range(rows):
-        still, filled = background[row].ravel(), out[row].ravel()
+        still, filled = background[row], out[row]
         for n in range(3 * columns):
             grey[n] = still[n]
         if region[0] <= row < region[1]:
@@ -171,11 +179,11 @@ def encode(change, background, light, table, region, shade, keys, quantiles, sig
                 for color in range(3):
                     grey[3 * n + color] *= factors[n]
         if is_white:
-            choose(width * row, keys[0], keys[1], chosen)
+            choose(chosen.size * row, keys[0], keys[1], chosen)
             for n in range(3 * columns):
                 grey[n] += sigma * quantiles[chosen[n]]
         elif noise.size > 0:
-            added = noise[row].ravel()
+            added = noise[row]
             for n in range(3 * columns):
                 grey[n] += sigma * added[n]
         for n in range(3 * columns):

@@ -9,12 +9,10 @@ neglected.
 Shape letters: N taxels, F places of the dense counts.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy import special
 
 from t2twin.core.cache_dir import cached_array, short_digest
 from t2twin.core.errors import T2TwinError
@@ -83,10 +81,10 @@ def _weights(
     k = np.linspace(1e-4, 25.0 / thickness_mm, RESPONSE_POINTS)
     layer = spectra(k, thickness_mm, 1.0, poisson)
     spectrum, bessel = {
-        "normal": (layer.base_pressure, special.j0),
+        "normal": (layer.base_pressure, "j0"),
         # per mm nearer to the pad, 1/mm^3; the derivative of J0 is -J1
-        "moment": (k * layer.base_pressure, special.j1),
-        "shear": (layer.base_shear, special.j1),  # along the line from the force to the pad
+        "moment": (k * layer.base_pressure, "j1"),
+        "shear": (layer.base_shear, "j1"),  # along the line from the force to the pad
     }[force]
     # a cell is a Gaussian with the second moment of the square, p^2 / 12 along each axis
     cell = np.exp(-((k * pitch) ** 2) / 24)
@@ -99,14 +97,14 @@ def _weights(
 
 
 def _at_distances(
-    distance_mm: np.ndarray, spectrum: np.ndarray, k: np.ndarray, bessel: Callable = special.j0
+    distance_mm: np.ndarray, spectrum: np.ndarray, k: np.ndarray, bessel: str = "j0"
 ) -> np.ndarray:
     """Hankel transform of a spectrum over wavenumbers, at distances of any shape."""
     r_mm = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
-    key = repr((short_digest(spectrum.tobytes() + k.tobytes()), bessel.__name__, float(r_mm[-1])))
+    key = repr((short_digest(spectrum.tobytes() + k.tobytes()), bessel, float(r_mm[-1])))
     profile = cached_array(
         "taxels", key, __file__,
-        lambda: np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1),
+        lambda: np.trapezoid(spectrum * _bessel(bessel, r_mm[:, None] * k), k, axis=1),
     )  # fmt: skip
     return np.interp(distance_mm, r_mm, profile)
 
@@ -114,7 +112,14 @@ def _at_distances(
 def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
     """Hankel transform of the mean over a round pad of radius a, 2 J1(k a) / (k a)."""
     reach = wavenumber * diameter_mm / 2
-    return 2 * special.j1(reach) / reach
+    key = "disc " + short_digest(reach.tobytes())
+    return cached_array("taxels", key, __file__, lambda: 2 * _bessel("j1", reach) / reach)
+
+
+def _bessel(name: str, values: np.ndarray) -> np.ndarray:
+    from scipy import special  # slow to import
+
+    return getattr(special, name)(values)
 
 
 def dense_tractions(places: Layout, cell_mm2: float, contact: Contact) -> np.ndarray:
@@ -165,10 +170,16 @@ def _nearest_place(places: Layout, x_mm: tuple[float, ...], y_mm: tuple[float, .
 
 def _nearest(x_mm: np.ndarray, y_mm: np.ndarray, to_mm: np.ndarray) -> tuple[np.ndarray, ...]:
     """Distance to the nearest of the places (x, y) from each point, mm, and its index."""
-    from scipy.spatial import KDTree  # slow to import, and not needed for counts
+    points = np.column_stack([x_mm, y_mm])
 
-    distance, index = KDTree(np.column_stack([x_mm, y_mm])).query(to_mm)
-    return np.asarray(distance), np.asarray(index)
+    def nearest() -> np.ndarray:
+        from scipy.spatial import KDTree  # slow to import
+
+        return np.stack(KDTree(points).query(to_mm))
+
+    key = f"nearest {short_digest(points.tobytes())} {short_digest(to_mm.tobytes())}"
+    distance, index = cached_array("taxels", key, __file__, nearest)
+    return distance, index.astype(int)
 
 
 def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:

@@ -10,12 +10,14 @@ Shape letters: B images in a batch, R rows, C columns, N taxels.
 from __future__ import annotations
 
 from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from scipy import sparse
 
 from t2twin.core.arrays import kept
+from t2twin.core.cache_dir import cached_array, short_digest
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 
@@ -130,6 +132,15 @@ def barycentric(
     tolerance: at the edges of triangles. Each place has three weights with sum 1, or zeros outside
     the convex hull. Raises T2TwinError for points without a triangle.
     """
+    key = f"{short_digest(points.tobytes())} {short_digest(at.tobytes())} {tolerance}"
+    compute = partial(_barycentric, points, at, tolerance)
+    rows, columns, weights = cached_array("phi", key, __file__, compute)
+    entries = (weights, (rows.astype(int), columns.astype(int)))
+    return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
+
+
+def _barycentric(points: np.ndarray, at: np.ndarray, tolerance: float) -> np.ndarray:
+    """Rows, columns and values of the weights, (3, entries)."""
     from scipy.spatial import Delaunay, QhullError  # slow to import
 
     try:
@@ -142,8 +153,7 @@ def barycentric(
     transform = triangles.transform[triangle[inside]]  # (inside, 3, 2): a 2 x 2 and an offset
     first = np.einsum("pij,pj->pi", transform[:, :2], at[inside] - transform[:, 2])
     weights = np.column_stack([first, 1.0 - first.sum(axis=1)])
-    entries = (weights.ravel(), (np.repeat(inside, 3), corners.ravel()))
-    return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
+    return np.stack([np.repeat(inside, 3), corners.ravel(), weights.ravel()])
 
 
 def _area_weights(size: int, new: int) -> sparse.csr_array:

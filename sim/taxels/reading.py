@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
@@ -67,6 +66,8 @@ def expected_reading(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of readings of a static contact, (..., N) each, with offsets,
     noise and clipping to 0 alone. true_counts: (..., N) noiseless."""
+    from scipy.special import ndtr  # slow to import
+
     array = _taxels(flaws, true_counts.shape[-1], array_seed)
     deviation = _deviation(flaws, array, true_counts)
     level = true_counts + array.offset_counts
@@ -99,6 +100,8 @@ class _Taxels:
 @lru_cache(maxsize=64)
 def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
     """The taxels of an array; their evenly spread ranks give each array the whole distribution."""
+    from scipy.special import ndtri  # slow to import
+
     rng = np.random.default_rng((array_seed, ARRAY_STREAM))
     at_rest, loaded, memory = ((rng.permutation(n) + rng.random(n)) / n for _ in range(3))
     is_alive = np.ones(n)

@@ -1,11 +1,13 @@
 """t2twin shapes, primitives, sensors, press, slide and studio"""
 
+import gc
 import math
 import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -222,6 +224,18 @@ class SlideOptions(TouchOptions):
         return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Collect no garbage, nor later what there is: compiling loops leaves much, for seconds."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+@_no_garbage_collection()
 def press(
     options: Annotated[TouchOptions, tyro.conf.arg(name="")],
     renderer: Renderer = "baked",
@@ -234,8 +248,15 @@ def press(
             pyrender, in seconds and without an optics file only.
         view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
     """
+    from t2twin.sim.optical.compiled import compile_ahead
     from t2twin.sim.scene import view as open_viewer
     from t2twin.sim.touch import scene_path
+
+    def timed(stage: str) -> AbstractContextManager[None]:
+        """Wait for the loops of images before the first reading, or both would compile them."""
+        if helper is not None and stage.startswith("read"):
+            helper.wait()
+        return nullcontext()
 
     rng, (shape, pair, only) = options.rng, options.load(renderer)
     if renderer == "pyrender":
@@ -243,7 +264,10 @@ def press(
 
         takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
-    touch = pair.press(shape, options.command(shape, pair.source), rng, only=only)
+    command = options.command(shape, pair.source)
+    pressed = [sensor for name, sensor in pair.by_name.items() if only in (None, name)]
+    helper = compile_ahead() if any(sensor.VALUE == "image" for sensor in pressed) else None
+    touch = pair.press(shape, command, rng, timed, only)
     folder = options.folder("press", shape)
     touch.save(folder)
     _print_notes(shape)

@@ -7,6 +7,7 @@ of this module and of the version of rocket-fft.
 
 import logging
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from functools import cache
@@ -18,6 +19,13 @@ import numba
 from numba.core import event
 
 from t2twin.core.cache_dir import cache_dir, is_writable, short_digest
+
+_modules: Any = sys.modules
+_is_hidden = _modules.setdefault("scipy.fft") is None  # rocket_fft imports it, for half a second
+from rocket_fft import c2c, c2r, next_fast_len, r2c  # noqa: E402, F401
+
+if _is_hidden:
+    del _modules["scipy.fft"]
 
 PACKAGE_LEVEL = 3
 """Dots in the name of a module; modules with more belong to a package at this level."""
@@ -75,7 +83,7 @@ def compiled(**options: Any) -> Callable[[Callable], Any]:
         # Loops of one package, with its subpackages, inline each other.
         level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
         given = _numba.config.CACHE_DIR
-        folder = _code_folder(given, Path(function.__code__.co_filename).parents[level])
+        folder = code_folder(given, Path(function.__code__.co_filename).parents[level])
         _numba.config.CACHE_DIR = given if folder is None else str(folder)
         try:
             return _numba.njit(cache=folder is not None, **options)(function)
@@ -86,7 +94,7 @@ def compiled(**options: Any) -> Callable[[Callable], Any]:
 
 
 @cache
-def _code_folder(numba_folder: str, sources: Path) -> Path | None:
+def code_folder(numba_folder: str, sources: Path) -> Path | None:
     """The folder for machine code from a package's sources; removes that of older sources.
 
     numba_folder: NUMBA_CACHE_DIR, or "".
