@@ -1,9 +1,9 @@
-"""Cubic splines, and bicubic ones from one grid to another, as products of cached sparse matrices.
+"""Bicubic splines from one grid to another, as products of cached sparse matrices.
 
 They are not-a-knot splines (de Boor, A Practical Guide to Splines, 1978).
 """
 
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
@@ -43,49 +43,20 @@ def _axis(places: bytes, lines: bytes) -> tuple[sparse.csr_array, sparse.csr_arr
     # not-a-knot: the second and the last but one place are no knots
     knots = np.concatenate([np.repeat(at[0], DEGREE + 1), at[2:-2], np.repeat(at[-1], DEGREE + 1)])
     values, lines_between = (
-        cached_array(
-            "splines", short_digest(x.tobytes() + knots.tobytes()), __file__,
-            partial(_design_matrix, x, knots),
-        )
-        for x in (at, np.clip(np.frombuffer(lines), at[0], at[-1]))
-    )  # fmt: skip
+        _design_matrix(x, knots) for x in (at, np.clip(np.frombuffer(lines), at[0], at[-1]))
+    )
     return _banded(np.linalg.inv(values)), _banded(lines_between)
 
 
 def _design_matrix(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """The B-splines on knots at x."""
-    from scipy.interpolate import BSpline  # slow to import
+    """The B-splines on knots at x, cached on disk."""
 
-    return BSpline.design_matrix(x, knots, DEGREE).toarray()
+    def compute() -> np.ndarray:
+        from scipy.interpolate import BSpline  # slow to import
 
+        return BSpline.design_matrix(x, knots, DEGREE).toarray()
 
-def cubic_spline(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The spline through y, (n,), at x, (n,), n > 3, at places of any shape.
-
-    As scipy.interpolate.CubicSpline, which takes half a second to import.
-    """
-    h = np.diff(x)
-    rise = np.diff(y) / h
-    first, last = x[2] - x[0], x[-1] - x[-3]
-    # A tridiagonal system for the slopes at the places.
-    below = [*h[1:].tolist(), float(last)]
-    middle = [float(h[1]), *(2 * (h[:-1] + h[1:])).tolist(), float(h[-2])]
-    above = [float(first), *h[:-1].tolist()]
-    start = ((h[0] + 2 * first) * h[1] * rise[0] + h[0] ** 2 * rise[1]) / first
-    end = (h[-1] ** 2 * rise[-2] + (2 * last + h[-1]) * h[-2] * rise[-1]) / last
-    slopes = [float(start), *(3 * (h[1:] * rise[:-1] + h[:-1] * rise[1:])).tolist(), float(end)]
-    for k in range(len(below)):
-        share = below[k] / middle[k]
-        middle[k + 1] -= share * above[k]
-        slopes[k + 1] -= share * slopes[k]
-    slopes[-1] /= middle[-1]
-    for k in reversed(range(len(below))):
-        slopes[k] = (slopes[k] - above[k] * slopes[k + 1]) / middle[k]
-    slope = np.array(slopes)
-    bend = (slope[:-1] + slope[1:] - 2 * rise) / h
-    k = np.clip(np.searchsorted(x, at, "right") - 1, 0, x.size - 2)
-    u, bends = at - x[k], ((rise - slope[:-1]) / h - bend)[k]
-    return y[k] + slope[k] * u + bends * (u * u) + (bend / h)[k] * (u * u * u)
+    return cached_array("splines", short_digest(x.tobytes() + knots.tobytes()), __file__, compute)
 
 
 def _banded(matrix: np.ndarray) -> sparse.csr_array:

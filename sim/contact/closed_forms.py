@@ -40,8 +40,8 @@ from typing import NamedTuple
 import numpy as np
 
 from t2twin.core.cache_dir import cached_array
+from t2twin.core.cubic_spline import cubic_spline
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.splines import cubic_spline
 
 # Limits on s, between which the hyperbolic functions are accurate and finite. At the upper one the
 # layer is a half-space.

@@ -93,14 +93,10 @@ def solve_contact(
 
 
 def solve_bodies(
-    bodies: Sequence[tuple[Shape, PressCommand]],
-    elastomer: Elastomer,
-    pitch_mm: float,
-    shift: SurfaceShift | None = None,
-    start: Contact | None = None,
-    slips_mm: np.ndarray | None = None,
+    bodies: Sequence[tuple[Shape, PressCommand]], elastomer: Elastomer, pitch_mm: float, shift:
+    SurfaceShift | None = None, start: Contact | None = None, slips_mm: np.ndarray | None = None,
     with_mujoco: bool = True,
-) -> Contact:
+) -> Contact:  # fmt: skip
     """The contact of bodies that are pressed at the same time, each with its own force.
 
     bodies: shapes of different names, with their poses and forces. Where they overlap, they share
@@ -198,13 +194,9 @@ class Equilibrium:
     """
 
     def __init__(
-        self,
-        layout: PinLayout,
-        last: bool,
-        near: "Equilibrium | None",
-        with_mujoco: bool,
+        self, layout: PinLayout, last: bool, near: "Equilibrium | None", with_mujoco: bool,
         slips_mm: np.ndarray | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.layout, self.last, self._with_mujoco = layout, last, with_mujoco
         self.pins = pins = layout.stage(last)  # of all bodies
         self.forces_n = np.array([each.command.force_n for each in layout.surveys])

@@ -59,13 +59,9 @@ NO_BODIES: Bodies = (
 
 
 def solve_traction(
-    layer: WindowTransforms,
-    limit_mpa: np.ndarray,
-    wanted_mm: np.ndarray,
-    start_mpa: np.ndarray,
-    bodies: Bodies = NO_BODIES,
-    tolerance: float = TOLERANCE,
-) -> tuple[np.ndarray, np.ndarray, bool]:
+    layer: WindowTransforms, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray,
+    bodies: Bodies = NO_BODIES, tolerance: float = TOLERANCE,
+) -> tuple[np.ndarray, np.ndarray, bool]:  # fmt: skip
     """The traction of one step along x and y, MPa, the displacement of the surface by it, mm, both
     (2, rows, columns), and whether it converged. By spectral projected gradients (Birgin, Martinez,
     Raydan 2000).

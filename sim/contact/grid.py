@@ -121,19 +121,15 @@ def _extent(mask):
     return top, bottom, left, right
 
 
-def dilated(mask: np.ndarray, cells: int) -> np.ndarray:
-    """A mask, (rows, columns) bool, dilated by a square of 2 cells + 1 a side."""
-    wider = np.zeros(mask.shape, bool)
-    _dilate(mask, cells, wider)
-    return wider
-
-
 @compiled(nogil=True)
-def _dilate(mask, cells, wider):
+def dilated(mask, cells):
+    """A mask, (rows, columns) bool, dilated by a square of 2 cells + 1 a side."""
     rows, columns = mask.shape
+    wider = np.zeros(mask.shape, np.bool_)
     for i in range(rows):
         for j in range(columns):
             if mask[i, j]:
                 for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
                     for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
                         wider[k, m] = True
+    return wider

@@ -76,15 +76,10 @@ def shifts_on(
 
 
 def raise_to_shape(
-    surface_mm: np.ndarray,
-    shape_surface: HeightMap,
-    command: PressCommand,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    apex_mm: np.ndarray,
-    near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    shift: SurfaceShift | None = None,
-) -> None:
+    surface_mm: np.ndarray, shape_surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm:
+    np.ndarray, apex_mm: np.ndarray, near: tuple[np.ndarray, np.ndarray, np.ndarray], shift:
+    SurfaceShift | None = None,
+) -> None:  # fmt: skip
     """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
 
     apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
@@ -181,13 +176,9 @@ class Footprint:
 
 
 def footprint(
-    surface: HeightMap,
-    command: PressCommand,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    active: np.ndarray | None = None,
-    shift: SurfaceShift | None = None,
-) -> Footprint:
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray, active:
+    np.ndarray | None = None, shift: SurfaceShift | None = None,
+) -> Footprint:  # fmt: skip
     """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
 
     active: bool on coarser cells that each contain a whole number of these; the others are free.

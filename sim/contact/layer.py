@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core.cubic_spline import cubic_spline
 from t2twin.core.jit import INNER, c2c, c2r, compiled, next_fast_len, r2c
 from t2twin.sim.contact.closed_forms import (
     HANKEL_RADII,
@@ -22,7 +23,6 @@ from t2twin.sim.contact.closed_forms import (
 )
 from t2twin.sim.contact.elastomer import Elastomer, neo_hookean_mm
 from t2twin.sim.contact.grid import Window, block_means, window_shape
-from t2twin.sim.splines import cubic_spline
 
 THICKNESSES = 17  # thicknesses at which a domed layer's response to pressure is computed
 # Principal components that represent the responses of all thicknesses. The error is 0.6 % of the

@@ -160,13 +160,9 @@ class MujocoPins:
         )
 
     def step(
-        self,
-        gap_mm: np.ndarray,
-        depth_mm: float,
-        force: float,
-        spring_rest_mm: np.ndarray,
+        self, gap_mm: np.ndarray, depth_mm: float, force: float, spring_rest_mm: np.ndarray,
         stiffness: np.ndarray,
-    ) -> tuple[float, np.ndarray]:
+    ) -> tuple[float, np.ndarray]:  # fmt: skip
         """One step to the equilibrium of n <= pins pins under a force, in units of a pin's spring x
         mm: the shape's depth, mm, and the pins' deflections, (n,), mm.
 

@@ -121,13 +121,9 @@ class Slide:
 
 
 def advance(
-    contact: Contact,
-    dx_mm: float,
-    dy_mm: float,
-    dyaw_rad: float,
-    force_n: float,
-    friction: Friction,
-) -> Contact:
+    contact: Contact, dx_mm: float, dy_mm: float, dyaw_rad: float, force_n: float, friction:
+    Friction,
+) -> Contact:  # fmt: skip
     """The contact after a small motion of the shape, see Slide, with a force.
 
     The given contact does not change. Raises T2TwinError as solve_contact does.
@@ -171,13 +167,9 @@ def _outside(contact: Contact, window: Window) -> np.ndarray:
 
 
 def _step(
-    contact: Contact,
-    start: Motion,
-    bodies: Sequence[tuple[Shape, PressCommand]],
-    drive: Drive,
-    window: Window,
-    earlier: Contact | None,
-) -> Contact:
+    contact: Contact, start: Motion, bodies: Sequence[tuple[Shape, PressCommand]], drive: Drive,
+    window: Window, earlier: Contact | None,
+) -> Contact:  # fmt: skip
     """The contact after a step, unsettled if it left the window. earlier: from which it starts."""
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
@@ -286,14 +278,9 @@ def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
 
 
 def _press(
-    bodies: Sequence[tuple[Shape, PressCommand]],
-    near: Contact,
-    window: Window,
-    seen: np.ndarray,
-    possible: np.ndarray,
-    moves: np.ndarray | None,
-    with_mujoco: bool,
-) -> tuple[Contact, np.ndarray]:
+    bodies: Sequence[tuple[Shape, PressCommand]], near: Contact, window: Window, seen: np.ndarray,
+    possible: np.ndarray, moves: np.ndarray | None, with_mujoco: bool,
+) -> tuple[Contact, np.ndarray]:  # fmt: skip
     """The contact of bodies over a surface displaced by seen, halved towards the possible one."""
     rows, columns = window
     halvings = 0
@@ -480,14 +467,9 @@ class _Bodies:
     """Bodies with prescribed wrenches on a window; see `balance` for wrenches and motions."""
 
     def __init__(
-        self,
-        loads: Sequence[Load],
-        owner: np.ndarray,
-        pressure: np.ndarray,
-        limit: np.ndarray,
-        axes: tuple[np.ndarray, np.ndarray],
-        pitch_mm: float,
-    ) -> None:
+        self, loads: Sequence[Load], owner: np.ndarray, pressure: np.ndarray, limit: np.ndarray,
+        axes: tuple[np.ndarray, np.ndarray], pitch_mm: float,
+    ) -> None:  # fmt: skip
         self.limit = np.ascontiguousarray(limit, np.float32)
         self.owner = np.ascontiguousarray(owner, np.int64)
         self.x, self.y = (axis.copy() for axis in axes)

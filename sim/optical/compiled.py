@@ -1,41 +1,15 @@
 """Compilation of the optics' inner loops, and their bilinear interpolation."""
 
-import subprocess
-import sys
-from pathlib import Path
-
-import numba
 import numpy as np
 
-from t2twin.core.jit import code_folder, compiled
-from t2twin.core.machine import cores
+from t2twin.core.jit import compiled
 
-AHEAD = """
-import gc
-gc.disable()
-from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors.pair import SensorPair
-camera = SensorPair().camera
-camera.image_renderer.render(ball_surface(camera.elastomer, 0.0, 0.0, 1.0))
-"""  # a program that renders an image
 _OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 jit = compiled(**_OPTIONS)
 jit_finite = compiled(fastmath={"nnan", "ninf", "nsz"}, **_OPTIONS)
 """For finite numbers only: minima and maxima are vectorized; rounding does not change."""
 inlined = compiled(inline="always", **_OPTIONS)  # A function that is inlined into such a loop
-
-
-def compile_ahead() -> subprocess.Popen | None:
-    """Start a process that compiles these loops, where none is cached and a second core exists.
-
-    In one process, numba compiles one loop at a time.
-    """
-    folder = code_folder(numba.config.CACHE_DIR, Path(__file__).parent)
-    if folder is None or any(folder.rglob("*.nbi")) or cores() < 2:
-        return None
-    nothing = subprocess.DEVNULL
-    return subprocess.Popen([sys.executable, "-c", AHEAD], stdout=nothing, stderr=nothing)
 
 
 @inlined

@@ -172,15 +172,9 @@ class Rays:
         return depth
 
     def _follow(
-        self,
-        z: np.ndarray,
-        sight: np.ndarray,
-        shadowed: np.ndarray,
-        leds: Leds,
-        samples: Region,
-        steps: int = DEFORMED_STEPS,
-        depth: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, z: np.ndarray, sight: np.ndarray, shadowed: np.ndarray, leds: Leds, samples: Region,
+        steps: int = DEFORMED_STEPS, depth: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Cosine and weight (LEDs, S) in a region; depth is filled as `incidence` fills it."""
         depth = self._rest_depth_mm.copy() if depth is None else depth
         cosine = np.empty((len(leds.places_mm), *depth.shape), dtype=np.float32)

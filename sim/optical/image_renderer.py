@@ -60,13 +60,9 @@ class ImageRenderer(Keeper):
     """
 
     def __init__(
-        self,
-        optics: Optics,
-        gel: Elastomer,
-        noise_grey: float,
-        other_gel: Elastomer | None = None,
+        self, optics: Optics, gel: Elastomer, noise_grey: float, other_gel: Elastomer | None = None,
         markers: Markers | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.optics, self.noise_grey = optics, noise_grey
         self._own_gel, self._gel, self._markers = gel, other_gel or gel, markers
         self._leds = Leds(optics.leds_mm, optics.sizes_mm)
@@ -76,13 +72,9 @@ class ImageRenderer(Keeper):
         self._all_pixels: Region = 0, optics.camera.rows, 0, optics.camera.columns
 
     def render(
-        self,
-        surface_mm: np.ndarray,
-        rng: np.random.Generator | None = None,
-        noise_grey: float | None = None,
-        shift: SurfaceShift | None = None,
-        background: np.ndarray | None = None,
-    ) -> np.ndarray:
+        self, surface_mm: np.ndarray, rng: np.random.Generator | None = None, noise_grey: float |
+        None = None, shift: SurfaceShift | None = None, background: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm, positive into the
         sensor, on t2twin.sim.optical.camera.optical_grid(gel).
 
@@ -110,14 +102,9 @@ class ImageRenderer(Keeper):
         return self.render(np.zeros_like(self._rays.rest_mm))
 
     def _image(
-        self,
-        surface_mm: np.ndarray,
-        coated_mm: np.ndarray,
-        background: np.ndarray,
-        shade: np.ndarray,
-        rng: np.random.Generator | None,
-        noise_grey: float,
-    ) -> np.ndarray:
+        self, surface_mm: np.ndarray, coated_mm: np.ndarray, background: np.ndarray, shade:
+        np.ndarray, rng: np.random.Generator | None, noise_grey: float,
+    ) -> np.ndarray:  # fmt: skip
         """The image of a deflection and its coating on a background, shaded; rng: of the noise."""
         cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
         change = self._rest_light
@@ -204,14 +191,9 @@ class ImageRenderer(Keeper):
         return self._shone(rays, flat, cosine, weight, rays.everywhere, none)
 
     def _shone(
-        self,
-        rays: Rays,
-        coated_mm: np.ndarray,
-        cosine: np.ndarray,
-        weight: np.ndarray,
-        samples: Region,
-        rest: np.ndarray,
-    ) -> np.ndarray:
+        self, rays: Rays, coated_mm: np.ndarray, cosine: np.ndarray, weight: np.ndarray, samples:
+        Region, rest: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """(RGB, S) light of the LEDs in a region of samples, minus that at rest."""
         seen = np.zeros_like(rest)
         gain, total = self._gain, np.empty(samples[3] - samples[2], np.float32)
@@ -226,14 +208,9 @@ class ImageRenderer(Keeper):
         return seen
 
     def _encoded(
-        self,
-        background: np.ndarray,
-        change: np.ndarray,
-        pixels: Region,
-        shade: np.ndarray = NO_SHADE,
-        rng: np.random.Generator | None = None,
-        noise_grey: float = 0.0,
-    ) -> np.ndarray:
+        self, background: np.ndarray, change: np.ndarray, pixels: Region, shade: np.ndarray =
+        NO_SHADE, rng: np.random.Generator | None = None, noise_grey: float = 0.0,
+    ) -> np.ndarray:  # fmt: skip
         """Grey levels of a background and a change of its light (RGB, S) in a region, shaded, with
         noise."""
         out = np.empty(background.shape, dtype=np.uint8)
@@ -248,8 +225,8 @@ class ImageRenderer(Keeper):
         lines = np.empty((3, change.shape[2]), np.float32), np.empty(pairs, np.float32)
         response.encode(
             change, background.reshape(rows, -1), self._light, self._table, pixels, shade,
-            own_keys, quantiles(), sigma, frame, *lines, np.empty(pairs, np.uint32),
-            out.reshape(rows, -1),
+            own_keys, quantiles() if sigma else NO_FRAME.ravel(), sigma, frame, *lines,
+            np.empty(pairs, np.uint32), out.reshape(rows, -1),
         )  # fmt: skip
         return out
 

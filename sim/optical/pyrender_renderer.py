@@ -90,14 +90,9 @@ class ReferenceRenderer:
     """
 
     def __init__(
-        self,
-        leds: tuple[Led, ...],
-        ambient: tuple[float, float, float],
-        camera: Camera,
-        gel: Elastomer,
-        shadows: bool = True,
-        led_points: int = LED_POINTS,
-    ) -> None:
+        self, leds: tuple[Led, ...], ambient: tuple[float, float, float], camera: Camera, gel:
+        Elastomer, shadows: bool = True, led_points: int = LED_POINTS,
+    ) -> None:  # fmt: skip
         self.camera = camera
         self._pyrender = pyrender = _import_pyrender()
         self._poses = [
@@ -222,14 +217,9 @@ class PyrenderRenderer(ImageRenderer):
         self._scene: Scene = leds, ambient, self.optics.camera, self._gel
 
     def _image(
-        self,
-        surface_mm: np.ndarray,
-        coated_mm: np.ndarray,
-        background: np.ndarray,
-        shade: np.ndarray,
-        rng: np.random.Generator | None,
-        noise_grey: float,
-    ) -> np.ndarray:
+        self, surface_mm: np.ndarray, coated_mm: np.ndarray, background: np.ndarray, shade:
+        np.ndarray, rng: np.random.Generator | None, noise_grey: float,
+    ) -> np.ndarray:  # fmt: skip
         light, grey = self.optics, background.astype(float)
         if surface_mm.any():
             change = _thread(os.getpid()).submit(_change, self._scene, surface_mm).result()

@@ -18,7 +18,6 @@ from functools import cache, reduce
 import numpy as np
 
 from t2twin.core.arrays import Record
-from t2twin.core.cache_dir import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.compiled import inlined, jit, jit_finite
 
@@ -50,10 +49,6 @@ def keys(rng: np.random.Generator) -> Keys:
 @cache
 def quantiles() -> np.ndarray:
     """(2^BITS,) float32 standard normal quantiles, at the middles of equal probabilities."""
-    return cached_array("optics", f"quantiles {BITS}", __file__, _quantiles)
-
-
-def _quantiles() -> np.ndarray:
     from scipy.special import ndtri  # slow to import
 
     count = 2**BITS

@@ -121,14 +121,9 @@ def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
 
 
 def ball_surface(
-    gel: Elastomer,
-    x_mm: float,
-    y_mm: float,
-    depth_mm: float,
-    radius_mm: float = 2.35,
-    hold: float = BALL_HOLD,
-    skirt: float = BALL_SKIRT,
-) -> np.ndarray:
+    gel: Elastomer, x_mm: float, y_mm: float, depth_mm: float, radius_mm: float = 2.35, hold: float
+    = BALL_HOLD, skirt: float = BALL_SKIRT,
+) -> np.ndarray:  # fmt: skip
     """Approximate deflection by a ball pressed depth_mm deep, mm, on optical_grid(gel).
 
     The ball's profile within hold times the contact radius, and an exponential skirt outside,

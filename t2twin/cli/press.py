@@ -3,6 +3,7 @@
 import gc
 import math
 import os
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.machine import cores
 from t2twin.sim.press import Press
 
 if TYPE_CHECKING:
@@ -31,6 +33,16 @@ Renderer = Literal["baked", "pyrender"]
 BOTH = "both"  # sensor of presses into both sensors
 BALL_MM, FORCE_N = 6.0, 2.0  # of the press of `t2twin sensors check`
 DEEPEST = 0.5  # its largest depth over the elastomer's thickness; it reduces the force
+
+RENDER = """
+import gc
+gc.disable()
+from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
+camera = SensorPair().camera
+camera.image_renderer.render(ball_surface(camera.elastomer, 0.0, 0.0, 1.0))
+"""
+"""A program that renders an image."""
 
 
 def shapes() -> None:
@@ -224,6 +236,20 @@ class SlideOptions(TouchOptions):
         return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
+def _compile_ahead() -> "subprocess.Popen | None":
+    """Start a process that compiles the loops of images, if none is cached and there are two cores.
+
+    In one process, numba compiles one loop at a time.
+    """
+    from t2twin.core.jit import cached_code
+    from t2twin.sim.optical import compiled
+
+    if cached_code(compiled.__file__) != [] or cores() < 2:
+        return None
+    nothing = subprocess.DEVNULL
+    return subprocess.Popen([sys.executable, "-c", RENDER], stdout=nothing, stderr=nothing)
+
+
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
     """Collect no garbage, nor later what there is: compiling loops leaves much, for seconds."""
@@ -248,7 +274,6 @@ def press(
             pyrender, in seconds and without an optics file only.
         view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
     """
-    from t2twin.sim.optical.compiled import compile_ahead
     from t2twin.sim.scene import view as open_viewer
     from t2twin.sim.touch import scene_path
 
@@ -266,7 +291,7 @@ def press(
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
     command = options.command(shape, pair.source)
     pressed = [sensor for name, sensor in pair.by_name.items() if only in (None, name)]
-    helper = compile_ahead() if any(sensor.VALUE == "image" for sensor in pressed) else None
+    helper = _compile_ahead() if any(sensor.VALUE == "image" for sensor in pressed) else None
     touch = pair.press(shape, command, rng, timed, only)
     folder = options.folder("press", shape)
     touch.save(folder)

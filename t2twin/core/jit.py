@@ -83,7 +83,7 @@ def compiled(**options: Any) -> Callable[[Callable], Any]:
         # Loops of one package, with its subpackages, inline each other.
         level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
         given = _numba.config.CACHE_DIR
-        folder = code_folder(given, Path(function.__code__.co_filename).parents[level])
+        folder = _code_folder(given, Path(function.__code__.co_filename).parents[level])
         _numba.config.CACHE_DIR = given if folder is None else str(folder)
         try:
             return _numba.njit(cache=folder is not None, **options)(function)
@@ -93,8 +93,14 @@ def compiled(**options: Any) -> Callable[[Callable], Any]:
     return declare
 
 
+def cached_code(module: str) -> list[Path] | None:
+    """The cached functions of the package of a module's file; None without a cache directory."""
+    folder = _code_folder(_numba.config.CACHE_DIR, Path(module).parent)
+    return None if folder is None else list(folder.rglob("*.nbi"))
+
+
 @cache
-def code_folder(numba_folder: str, sources: Path) -> Path | None:
+def _code_folder(numba_folder: str, sources: Path) -> Path | None:
     """The folder for machine code from a package's sources; removes that of older sources.
 
     numba_folder: NUMBA_CACHE_DIR, or "".
