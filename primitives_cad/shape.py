@@ -126,8 +126,8 @@ class Shape(Record):
     @kept_property
     def triangles(self) -> Solid:
         """Vertices (n, 3), mm, and faces (m, 3) of the solid."""
-        solid: Any = self.solid
-        return solid() if callable(solid) else solid
+        found: Any = self.solid() if callable(self.solid) else self.solid
+        return found
 
     @property
     def mesh(self) -> "trimesh.Trimesh":
