@@ -1,11 +1,13 @@
-"""Frames of a unit whose light is known: the shipped one, pressed by a ball."""
+"""Frames of a unit whose light is known, pressed by a ball: the shipped one, or a small one."""
 
 from pathlib import Path
 
 import numpy as np
 from kinds import gel_camera
+from msgspec import structs
 from PIL import Image
 
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.surface import ball_surface
 
 BALL_MM = 4.7
@@ -22,11 +24,21 @@ def save(picture, path):
     Image.fromarray(picture).save(path)
 
 
-def write_frames(folder: Path) -> None:
-    """background.png and press_*.png, with a frame's noise."""
+def small_digit() -> GelCamera:
+    """A DIGIT whose images have a quarter of the pixels."""
+    own = gel_camera().spec
+    camera = structs.replace(own.camera, rows=160, columns=120, scale_px_per_mm=9.6)
+    light = structs.replace(own.light, optics=None)
+    assert own.units is not None
+    units = structs.replace(own.units, scale_px_per_mm=(8.6, 10.6))
+    return GelCamera(structs.replace(own, name="small", camera=camera, light=light, units=units))
+
+
+def write_frames(folder: Path, sensor: GelCamera | None = None) -> None:
+    """background.png and press_*.png of a sensor, default a DIGIT, with a frame's noise."""
     folder.mkdir(parents=True, exist_ok=True)
-    digit, rng = gel_camera(), np.random.default_rng(3)
-    renderer, gel = digit.image_renderer, digit.own_gel
+    rng, sensor = np.random.default_rng(3), sensor or gel_camera()
+    renderer, gel = sensor.image_renderer, sensor.own_gel
     still = ball_surface(gel, 0, 0, 1.0) * 0
     save(renderer.render(still, rng), folder / "background.png")
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):

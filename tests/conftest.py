@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ball_frames import BALL_MM, HELD_OUT, write_frames
+from ball_frames import BALL_MM, HELD_OUT, small_digit, write_frames
 from moving import write_recipe
 from session import SESSION, Products, start
 
@@ -131,8 +131,14 @@ def unit(products):
 
 
 @pytest.fixture(scope="session")
-def calibrated(unit, products):
-    """What is fitted to the unit's frames, without its uncertainty, which takes as long again."""
+def small_unit(products):
+    """Frames of a DIGIT with small images."""
+    return products.make("small-unit", lambda folder: write_frames(folder, small_digit()))
+
+
+@pytest.fixture(scope="session")
+def calibrated(small_unit, products):
+    """What is fitted to the small frames, without its uncertainty, which takes as long again."""
     from t2twin.sim.calibrate import fit
     from t2twin.sim.calibrate.calibrate import calibrate
 
@@ -140,7 +146,10 @@ def calibrated(unit, products):
         folder.mkdir()
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(fit, "MAX_STEPS", 1)  # it starts from the unit's own light
-            fitted = calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT, tolerance=None)
+            fitted = calibrate(
+                small_unit / "background.png", small_unit, BALL_MM, HELD_OUT, tolerance=None,
+                sensor=small_digit(),
+            )  # fmt: skip
         (folder / "report.pickle").write_bytes(pickle.dumps(fitted))
 
     return pickle.loads((products.make("calibrated", build) / "report.pickle").read_bytes())

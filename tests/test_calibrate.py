@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ball_frames import BALL_MM, HELD_OUT, POSES, save
+from ball_frames import BALL_MM, HELD_OUT, POSES, save, small_digit
 from kinds import psnr
 from msgspec import structs
 from PIL import Image
@@ -32,7 +32,7 @@ from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.optical.units import sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 
-DIGIT = SensorPair().camera
+DIGIT, SMALL = SensorPair().camera, small_digit()
 CAMERA, GEL, NOISE_GREY = DIGIT.camera, DIGIT.own_gel, DIGIT.spec.camera.noise_grey
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 ONE_PIXEL_MM = 1 / CAMERA.scale_px_per_mm
@@ -55,7 +55,7 @@ def test_places_and_depths_are_found_again(calibrated):
 
 
 def test_the_leds_are_found_again(calibrated):
-    truth = DIGIT.optics.leds_mm
+    truth = SMALL.optics.leds_mm
     for fitted, true in zip(calibrated.optics.leds_mm, truth, strict=True):
         directions = [np.arctan2(place[1], place[0]) for place in (fitted, true)]
         turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
@@ -77,7 +77,7 @@ def test_an_untouched_gel_gives_the_cleaned_background(calibrated):
     renderer = renderer_of(calibrated.optics)
     still = renderer.render(ball_surface(GEL, 0, 0, 1.0) * 0)
     np.testing.assert_array_equal(still, calibrated.optics.background)
-    truth = DIGIT.image_renderer.background
+    truth = SMALL.image_renderer.background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
 
 
@@ -161,22 +161,24 @@ def test_cut_and_paste_moves_a_press_exactly():
 
 
 @pytest.fixture
-def copy(unit, tmp_path):
-    return shutil.copytree(unit, tmp_path / "copy")
+def copy(small_unit, tmp_path):
+    return shutil.copytree(small_unit, tmp_path / "copy")
 
 
-def refused(folder, held_out=None):
+def refused(folder, held_out=None, ball_mm=BALL_MM):
     with pytest.raises(T2TwinError) as error:
-        calibrate(folder / "background.png", folder, BALL_MM, held_out, tolerance=None)
+        calibrate(
+            folder / "background.png", folder, ball_mm, held_out, tolerance=None, sensor=SMALL
+        )
     return str(error.value)
 
 
 def test_a_frame_of_another_size_is_refused(copy):
     save(np.zeros((64, 48, 3), np.uint8), copy / "press_04.png")
-    assert re.search(r"press_04\.png is 48 wide, 64 high.*240 wide, 320 high", refused(copy))
+    assert re.search(r"press_04\.png is 48 wide, 64 high.*120 wide, 160 high", refused(copy))
     for path in copy.glob("*.png"):
         save(np.zeros((64, 48, 3), np.uint8), path)
-    assert "must be 240 wide, 320 high" in refused(copy)
+    assert "must be 120 wide, 160 high" in refused(copy)
 
 
 def test_frames_as_the_camera_has_them_are_turned_upright():
@@ -195,38 +197,38 @@ def test_frames_as_the_camera_has_them_are_turned_upright():
 
 def test_frames_that_no_sensor_takes_are_named(copy):
     path = copy / "press_04.png"
-    frame, shape = np.asarray(Image.open(path)), (ROWS, COLUMNS, 3)
+    frame = np.asarray(Image.open(path))
     wrong = {
         "without color": np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1),
         "black": frame // 32,
-        "noise": np.random.default_rng(0).integers(0, 256, shape),
+        "noise": np.random.default_rng(0).integers(0, 256, frame.shape),
     }
     for name, each in wrong.items():
         save(each.astype(np.uint8), path)
         assert f"press_04.png is {name}; expected frames" in refused(copy)
         with pytest.raises(T2TwinError, match=f"press_04.png is {name}"):
-            guess_light(path)
+            guess_light(path, sensor=SMALL)
 
 
 def test_too_few_presses_are_refused(copy):
-    assert "at least 6" in refused(copy, 8)
+    assert "14 places would do" in refused(copy, 8)
     for path in sorted(copy.glob("press_*"))[1:9]:
         shutil.copy(copy / "press_00.png", path)
-    assert "copies of others" in refused(copy, 3)
+    assert "9 frames of presses at 1 place" in refused(copy, 3)
 
 
 def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, monkeypatch):
     """Its stripes of light around a contact cannot be those of a DIGIT's three LEDs."""
     background = np.asarray(Image.open(copy / "background.png")).astype(int)
-    rows, columns = np.indices((ROWS, COLUMNS))
+    rows, columns = np.indices(background.shape[:2])
     for path, (x_mm, y_mm, _) in zip(sorted(copy.glob("press_*")), POSES, strict=True):
-        row, column = 159.5 + y_mm / ONE_PIXEL_MM, 119.5 + x_mm / ONE_PIXEL_MM
-        pressed = np.hypot(rows - row, columns - column) < 40
+        row, column = 79.5 + 9.6 * y_mm, 59.5 + 9.6 * x_mm
+        pressed = np.hypot(rows - row, columns - column) < 24
         stripes = np.where((rows - round(row)) // 12 % 2, 40, -40) * pressed
         save(np.clip(background + stripes[..., None], 0, 255).astype(np.uint8), path)
     monkeypatch.setattr(BallFit, "_refined", lambda *_: pytest.fail("the long fit has begun"))
     said = refused(copy)
-    assert "% of the presses' change of the background unexplained" in said
+    assert re.search("% of the presses' change of the background unexplained.*press_0", said)
 
 
 def test_real_frames_held_out(real_digit):
@@ -269,7 +271,7 @@ def test_a_unit_with_a_lobe_and_drift_is_recovered(lobed):
     patches = np.array([contact_patch(frame, lobed.background) for frame in frames])
     nothing = np.full(len(POSES) - 1, np.nan)
     known = np.full(len(POSES) - 1, BALL_MM), nothing, nothing
-    model = BallFit(Presses(DIGIT, clean, frames[1:], patches[1:], *known), DIGIT.camera)
+    model = BallFit(Presses(DIGIT, clean, frames[1:], patches[1:], *known, []), DIGIT.camera)
     geometry = Geometry.of(Leds(lobed.leds_mm, lobed.sizes_mm))
     geometry = replace(geometry, values=np.array([*geometry.values[:-2], HOLD, SKIRT]))
     psnr_db = {}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ball_frames import POSES, save
+from ball_frames import POSES, save, small_digit
 from msgspec import structs
 
 from t2twin.cli import main
@@ -21,7 +21,6 @@ from t2twin.sim.calibrate.calibrate import (
 )
 from t2twin.sim.calibrate.fit import BallFit, Geometry, State, Terms
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.illumination import Leds
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
@@ -39,16 +38,6 @@ BALLS_MM = np.resize([4.0, 6.0], PRESSES)
 OFF_MM = 0.05
 """How far off the balls' diameters are stated."""
 NAMES = [f"press_{index:02d}.png" for index in range(PRESSES)]
-
-
-def small_digit():
-    """A DIGIT whose images have a quarter of the pixels."""
-    own = DIGIT.spec
-    camera = structs.replace(own.camera, rows=160, columns=120, scale_px_per_mm=9.6)
-    light = structs.replace(own.light, optics=None)
-    assert own.units is not None
-    units = structs.replace(own.units, scale_px_per_mm=(8.6, 10.6))
-    return GelCamera(structs.replace(own, name="small", camera=camera, light=light, units=units))
 
 
 def frames_of(sensor, scale_px_per_mm, folder):

@@ -11,10 +11,12 @@ the square of the scale. For bounds of depths and forces, all presses are fitted
 all inputs at the end of their tolerances where presses come out deepest, or shallowest.
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
+from itertools import compress
 from os.path import lexists
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -23,17 +25,30 @@ import numpy as np
 from msgspec import Meta, structs
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning, counted
 from t2twin.core.files import atomic_write, write_json
 from t2twin.core.images import is_colored
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
-from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses, State
+from t2twin.sim.calibrate.fit import (
+    DEEPEST,
+    GAMMA,
+    SHALLOWEST_MM,
+    BallFit,
+    Presses,
+    State,
+    too_small,
+)
 from t2twin.sim.calibrate.frames import (
+    MIN_PIXELS,
+    SAME_PLACE_MM,
+    VISIBLE_GREY,
     Score,
+    apart_mm,
     check_usable,
     clean_background,
     contact_patch,
+    contact_width_px,
     coverage_of,
     coverage_picture,
     crop_scores,
@@ -42,7 +57,9 @@ from t2twin.sim.calibrate.frames import (
     measure_noise,
     read_frame,
     read_frames,
+    same_places,
     upright_frame,
+    without_markers,
 )
 from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -57,8 +74,12 @@ from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.tables import read_rows
 
-MIN_TRAINING = 6  # smallest number of presses to fit to: each LED's light varies over the gel
+MIN_TRAINING = 6  # smallest number of places to fit to: each LED's light varies over the gel
 HELD_OUT_SHARE = 3  # by default one in so many presses is held out, the last ones
+LIMIT_MM = 1e-3  # distance of a depth to a limit at which it is at the limit
+WIDEST = 2.0
+"""Largest visible width of a contact, in diameters of the ball. It is 1.8 of a ball pressed to its
+equator (measured on simulated presses)."""
 UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by little)
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
@@ -68,6 +89,14 @@ FORMAT = 1  # format of optics.json
 FORCES = "forces.csv"
 """Measurements in the folder of the frames: a column file, and any of force_n, depth_mm (from first
 contact) and ball_diameter_mm; a cell may be empty."""
+MARKED = (
+    "the frames show printed markers, which are filled in before the fit: optics and scores are "
+    "those of a gel without markers, and the noise is up to a fifth too low"
+)
+NOISELESS = (
+    f"no frame shows {MIN_PIXELS:,} pixels without contact: the noise was not measured, and images "
+    "have that of the sensor's file; press with smaller contacts"
+)
 SMALLEST_BALL_MM = 1.0  # smallest diameter of a ball, mm (assumed); the largest fits into the image
 SCALES = (0.5, 2.0)  # range of scales, in parts of the sensor's (assumed)
 SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
@@ -388,10 +417,11 @@ class OpticsRecord:
     repeated: list[str]  # and of excluded duplicates
     held_out: tuple[HeldOutPress, ...]
     scores: OpticsScores
-    covered: float  # share of the image near presses
+    covered: float  # share of the gel in the image that contacts cover
     next_mm: list[tuple[float, float]]  # places of presses that would cover the rest, best first
     uncertainty: OpticsUncertainty | None = None  # bounds of depths and forces
     inputs_sha256: str | None = None  # of the frames and numbers, for an adaptation that resumes
+    notes: tuple[str, ...] = ()  # what limits the result, in words
     format: int = FORMAT
 
 
@@ -422,36 +452,69 @@ def read_presses(
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
         check_usable(frame, name, colored)
+    (background_frame, *rest), is_marked = without_markers([background_frame, *frames], camera)
     measured = read_measurements(presses, names, ball_diameter_mm, sensor)
-    count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
-    first: dict[bytes, int] = {}  # of each different frame
-    for index, frame in enumerate(frames):
-        first.setdefault(frame.tobytes(), index)
-    train = [index for index in first.values() if index < len(frames) - count]
-    test = [index for index in first.values() if index >= len(frames) - count]
-    if len(train) < MIN_TRAINING or not test:
-        copies = len(frames) - len(first)
-        raise T2TwinError(
-            f"{presses} holds {len(frames)} presses, of which {count} are held out and {copies} "
-            f"are copies of others; at least {MIN_TRAINING} different ones must be left to fit to, "
-            "and at least 1 held out"
-        )
+    frames = np.array(rest)
     patches = [contact_patch(frame, background_frame) for frame in frames]
     if empty := [name for name, patch in zip(names, patches, strict=True) if patch is None]:
         raise T2TwinError(
-            f"no contact is visible in {', '.join(empty)}, which do not differ from the "
-            "background; remove these frames"
+            f"no contact is visible in {', '.join(empty)}: the change of the background is below "
+            f"{VISIBLE_GREY:g} grey levels; remove these frames, or press deeper"
         )
     found = Presses(sensor, background_frame, frames, np.array(patches), *measured, names)
+    train, test, notes = _parts(found, presses, held_out, camera)
+    found = replace(found, notes=[*[MARKED] * is_marked, *notes])
     if found.has_depths and not np.isfinite(found.depths_mm[train]).any():
         raise T2TwinError(
-            f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
-            "presses"
+            f"{presses / FORCES} has displacements of held-out presses only; add one of "
+            f"{', '.join(names[index] for index in train)}"
         )
+    for index in (*train, *test):
+        width_mm = contact_width_px(frames[index], background_frame) / camera.scale_px_per_mm
+        if width_mm > WIDEST * found.diameters_mm[index]:
+            raise too_small(found, index, camera)
     if tolerance is not None:
         for sign in (DEEPEST_SIGN, SHALLOWEST_SIGN):  # refuses too large ones
             shifted(found, camera, tolerance.of(sensor), sign)
     return found, train, test
+
+
+def _parts(
+    presses: Presses, folder: Path, held_out: int | None, camera: Camera
+) -> tuple[list[int], list[int], list[str]]:
+    """Indices of the frames to fit to and of those held out, without copies, and what was found.
+
+    All frames of a place are in one part: they are fitted if one of them is not among the last
+    frames. Where these show hardly any other places, the last places are held out.
+    """
+    places = same_places(presses.patches / camera.scale_px_per_mm)
+    first: dict[bytes, int] = {}  # of each different frame
+    for index, frame in enumerate(presses.frames):
+        first.setdefault(frame.tobytes(), index)
+    wanted = len(places) // HELD_OUT_SHARE if held_out is None else held_out
+    fitted, last = set(places[: max(len(places) - wanted, 0)].tolist()), int(places.max())
+    if 2 * np.count_nonzero(~np.isin(places, [*fitted])) < wanted:
+        count = last
+        while count and np.count_nonzero(places >= count - 1) <= wanted:
+            count -= 1
+        fitted = set(range(count))
+    train, test = (
+        [index for index in first.values() if (places[index] in fitted) == is_fitted]
+        for is_fitted in (True, False)
+    )
+    if len(fitted) < MIN_TRAINING or not test:
+        least = MIN_TRAINING + (MIN_TRAINING // HELD_OUT_SHARE if held_out is None else held_out)
+        raise T2TwinError(
+            f"{folder} holds {len(places)} frames of presses at "
+            f"{counted(last + 1, 'place')}, of which {wanted} are to be held out; at "
+            f"least {MIN_TRAINING} places must be left to fit to, and 1 held out; {least} places "
+            "would do"
+        )
+    groups = [[presses.names[index] for index in first.values() if places[index] == place]
+              for place in range(last + 1)]  # fmt: skip
+    repeats = "; ".join(", ".join(names) for names in groups if len(names) > 1)
+    note = f"frames of one place are all fitted or all held out: {repeats}"
+    return train, test, [note] if repeats else []
 
 
 def cleaned(presses: Presses, indices: list[int]) -> Presses:
@@ -482,15 +545,40 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
         for other in (simulated, pasted, still)
     )
     scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
+    worst = held_out.names[int(np.argmin([one.psnr_db for one in each]))]
     fitted_db, still_db = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
     if fitted_db <= still_db:
         raise T2TwinError(
-            f"the fit does not explain the held-out presses: its PSNR is {fitted_db:.1f} dB, and "
-            f"{still_db:.1f} dB for the background; use frames of one ball, pressed into the "
-            "sensor of the background"
+            f"the fit does not explain the held-out presses, least {worst}: its PSNR is "
+            f"{fitted_db:.1f} dB, and {still_db:.1f} dB for the background; use frames of one "
+            "ball, pressed into the sensor of the background"
         )
+    notes = [
+        f"the fitted light is no better than {name}: {', '.join(words)} on the held-out presses; "
+        f"the worst is {worst}; check the ball's diameter and the sensor's file, or press at more "
+        "places"
+        for name, other in (
+            ("the moved training presses", scores.cut_and_paste),
+            ("the background alone", scores.do_nothing),
+        )
+        if (words := scores.calibrated.no_better_than(other))
+    ]
     all_poses = np.concatenate([fit.poses, poses])
     diameters_mm = np.concatenate([of.diameters_mm for of in (training, held_out)])
+    near = apart_mm(poses[:, :2], fit.poses[:, :2]) <= SAME_PLACE_MM
+    if near.any():
+        pairs = [f"{held_out.names[i]} and {training.names[j]}" for i, j in np.argwhere(near)]
+        notes.append(
+            f"the score is too good: {'; '.join(pairs)} are at one place, one of which is held out "
+            "and the other fitted; give the frames of a place the same depth, or hold out others"
+        )
+    depths_mm, deepest_mm = all_poses[:, 2], DEEPEST * diameters_mm / 2
+    at_limit = np.minimum(depths_mm - SHALLOWEST_MM, deepest_mm - depths_mm) < LIMIT_MM
+    if limited := list(compress([*training.names, *held_out.names], at_limit)):
+        notes.append(
+            f"the depth of {', '.join(limited)} is at a limit of the fit, {SHALLOWEST_MM:g} mm or "
+            f"{DEEPEST:g} radii; check the ball's diameter"
+        )
     radii_mm, covered, next_mm = coverage_of(
         camera, presses.sensor.own_gel, all_poses, diameters_mm
     )
@@ -502,6 +590,7 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
         scores=scores,
         covered=covered,
         next_mm=next_mm,
+        notes=(*presses.notes, *notes),
         optics=optics,
         scored_by=optics,
         poses=all_poses,
@@ -600,7 +689,8 @@ def calibrate(
     with progress messages. tolerance: of the inputs; None skips the uncertainty, which takes most
     of the time, and the gel's modulus. sensor: a gel camera, by name or file; its record has the
     images' size, the gel, the camera, and the LEDs from which the fit starts.
-    Frames that equal an earlier one are excluded.
+    Frames that equal an earlier one are excluded, printed markers are filled in, and the frames of
+    one place are all fitted or all held out. Warns with T2TwinWarning of what limits the result.
     Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
     """
     own, camera = sensor_and_camera(sensor, camera)
@@ -628,7 +718,10 @@ def calibrate(
         noise=measure_noise(every.background, every.frames, given.background),
         young_mpa=None if young is None else young.value,
     )
-    return replace(evaluated, optics=optics, uncertainty=uncertainty)
+    notes = (*evaluated.notes, *[NOISELESS] * (optics.noise is None))
+    for note in notes:
+        warnings.warn(note, T2TwinWarning, stacklevel=2)
+    return replace(evaluated, optics=optics, uncertainty=uncertainty, notes=notes)
 
 
 def guess_light(
@@ -641,13 +734,17 @@ def guess_light(
 
     background: a background frame, in the size of the sensor's images, PNG or JPEG, whose noise is
     kept. camera: scale and distance, which a frame does not determine; None for those of the
-    sensor. report: called with progress messages. sensor: as for `calibrate`.
+    sensor. report: called with progress messages. sensor: as for `calibrate`. Printed markers are
+    filled in, with a T2TwinWarning.
     Raises T2TwinError for an invalid frame, and for a sensor whose units cannot be sampled.
     """
     own, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
     frame = upright_frame(read_frame(arguments.path(background, "background")), camera)
     check_usable(frame, str(background), is_colored(own.background_frame()))
+    (frame,), is_marked = without_markers([frame], camera)
+    if is_marked:
+        warnings.warn(MARKED, T2TwinWarning, stacklevel=2)
     report(f"sampling {UNIT_COUNT} units of {own.name}, some seconds")
     return mean_light(sample_lights(frame, own, camera))
 

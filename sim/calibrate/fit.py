@@ -22,6 +22,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.calibrate.frames import contact_width_px
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.illumination import (
@@ -91,7 +92,8 @@ class Presses:
     # Measurements, (n,); NaN where there is none
     depths_mm: np.ndarray  # from first contact
     forces_n: np.ndarray
-    names: Sequence[str] = ()  # of the frames' files
+    names: Sequence[str]  # of the frames' files
+    notes: Sequence[str] = ()  # what was found in the frames, in words
 
     @property
     def has_depths(self) -> bool:
@@ -108,6 +110,17 @@ class Presses:
             self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses],
             [self.names[index] for index in presses],
         )  # fmt: skip
+
+
+def too_small(presses: Presses, index: int, camera: Camera) -> T2TwinError:
+    """The exception for a ball that is too small for the contact in a frame."""
+    width_px = contact_width_px(presses.frames[index], presses.background)
+    return T2TwinError(
+        f"the ball of {presses.diameters_mm[index]:g} mm is too small for the contact in "
+        f"{presses.names[index]}, which is about {width_px / camera.scale_px_per_mm:.1f} mm wide "
+        f"at {camera.scale_px_per_mm:g} px/mm; give a diameter of that, a larger scale, or frames "
+        "of one ball on the sensor of the background"
+    )
 
 
 @dataclass(frozen=True)
@@ -336,27 +349,25 @@ class BallFit:
 
     def __init__(self, presses: Presses, camera: Camera) -> None:
         optics = presses.sensor.optics
-        self.camera, self.gel = camera, presses.sensor.own_gel
+        self.camera, self.gel, self._presses = camera, presses.sensor.own_gel, presses
         self.radii_mm = presses.diameters_mm / 2
         self._start = Geometry.of(Leds(optics.leds_mm, optics.sizes_mm))
         self._rays = Rays(camera, self.gel)
         self._places = place_terms(*self._rays.places_mm)
         light = linear(presses.background, GAMMA)
         half = round(HALF_MM * camera.scale_px_per_mm / 2)
+        rows, columns = camera.rows // 2, camera.columns // 2  # whole blocks
         self._targets, self._squares = [], []
         for frame, patch in zip(presses.frames, presses.patches, strict=True):
             sides = []  # of the square about the contact, moved into the image
-            for middle, count in zip(
-                patch / 2, (camera.rows // 2, camera.columns // 2), strict=True
-            ):
+            for middle, count in zip(patch / 2, (rows, columns), strict=True):
                 reach = min(half, count // 2)
                 first = round(min(max(middle, reach), count - reach)) - reach
                 sides += [first, first + 2 * reach]
             top, bottom, left, right = sides
-            rows, columns = camera.rows // 2, camera.columns // 2
-            change = (linear(frame, GAMMA) - light)[: 2 * rows, : 2 * columns]
-            blocks = change.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
-            samples = blocks[top:bottom, left:right]
+            change = linear(frame, GAMMA) - light
+            change = change[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3)
+            samples = change.mean(axis=(1, 3))[top:bottom, left:right]
             self._targets.append(samples.reshape(-1, 3))
             # the lattice of samples has one more row and column at each edge
             self._squares.append((top + 1, bottom + 1, left + 1, right + 1))
@@ -388,11 +399,16 @@ class BallFit:
             state = min((state, *others), key=lambda each: each.error)
         left = state.error / change
         if left > MAX_UNEXPLAINED:
+            sums, entries = (
+                self._sums(state.geometry, state.poses, state.terms),
+                state.terms.entries,
+            )
+            errors = [press.error(state.response, np.arange(entries)) for press in sums]
             raise T2TwinError(
                 f"the light of {self._start.count} LEDs leaves {100 * left:.0f} % of the presses' "
-                "change of the background unexplained, more than "
-                f"{100 * MAX_UNEXPLAINED:.0f} %; use frames of one ball of the given diameter, "
-                "pressed into the sensor of the background"
+                f"change of the background unexplained, more than {100 * MAX_UNEXPLAINED:.0f} %, "
+                f"most in {self._presses.names[np.argmax(errors)]}; use frames of one ball of the "
+                "given diameter, pressed into the sensor of the background"
             )
         return state
 
@@ -560,12 +576,8 @@ class BallFit:
             try:
                 move[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
             except np.linalg.LinAlgError as error:  # a depth at its limit
-                raise T2TwinError(
-                    f"the ball of {2.0 * self.radii_mm.min():g} mm is too small for the contacts "
-                    "in the frames, which are nearly as wide as the ball; give the diameter of the "
-                    "ball, the scale of the image, and frames of one ball on the sensor of the "
-                    "background"
-                ) from error
+                deepest = int(np.argmax(state.poses[:, 2] / self.radii_mm))
+                raise too_small(self._presses, deepest, self.camera) from error
             by_pose, by_geometry = np.split(move, [state.poses.size])
             reach_mm = np.clip(by_pose.reshape(-1, 3), -POSE_REACH_MM, POSE_REACH_MM)
             poses = state.poses + reach_mm

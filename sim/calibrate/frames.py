@@ -1,4 +1,4 @@
-"""Frames of a user's gel camera: contact, cleaned background, noise, scores, and coverage.
+"""Frames of a user's gel camera: markers, contact, background, noise, scores, and coverage.
 
 Frames are (n, rows, columns, 3) uint8. An optics file is fitted to the light around the presses.
 Farther away it is extrapolated.
@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from scipy.ndimage import gaussian_filter, maximum_filter, shift
+from scipy.ndimage import gaussian_filter, grey_closing, maximum_filter, shift
 from scipy.optimize import least_squares
+from scipy.sparse.csgraph import connected_components
 from skimage.metrics import structural_similarity
 
 from t2twin.core.errors import T2TwinError
@@ -43,15 +44,17 @@ LAGS = 4  # largest lag of the autocorrelation along an axis, px
 MIN_PIXELS = 2_000  # smallest number of background pixels of a frame (assumed)
 QUIETEST_GREY = 0.05  # noise of frames without any, such as edited ones, grey levels
 
-COVER_MM = 1.5
-"""Distance to the middle of a press within which it covers the gel, mm. On a real DIGIT, presses
-nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB (measured)."""
+SAME_PLACE_MM = 0.4
+"""Distance of presses up to which they are at one place (assumed). The middle of the visible change
+moves by up to 0.3 mm with the depth (measured on simulated presses)."""
+MARKER_MM, FILL_MM = 1.5, 0.3  # largest diameter of a marker, and blur that fills it in (assumed)
+INK, MIN_INK, DARK_GREY = 0.75, 0.01, 4.0
+"""A pixel is ink where each color plus DARK_GREY is below INK of that of its surroundings: none in
+frames of real sensors without markers, 9 % and more with markers (measured). The gel has markers
+from a share of MIN_INK of the pixels on."""
 STEPS = 40  # places across the shorter side of the image that are compared with the presses
-ENOUGH = 0.97  # share of the image from which on no more presses are needed (assumed)
+ENOUGH = 0.95  # share of the gel in view from which on no more presses are needed (assumed)
 MOST = 12  # largest number of next presses
-EDGE_MM = 1.2
-"""Distance of presses to the edge of the image, mm (assumed: a contact is as wide). Nearer to it,
-the gel is as covered as at this distance."""
 BRIGHT_GREY, SHADE = 110.0, 0.35  # mean of the picture's background, and factor of its shaded part
 PICTURE_PX = 720  # longer side of the picture, at least, px
 PRESSED, NEXT = (255, 255, 255), (255, 220, 0)  # colors of the presses and of the next ones
@@ -64,6 +67,21 @@ class Score:
     l1: float
     ssim: float
     psnr_db: float
+
+    def no_better_than(self, other: "Score") -> list[str]:
+        """The metrics, in words, in which another score is as good or better."""
+        return [
+            words
+            for is_no_better, words in (
+                (
+                    self.psnr_db <= other.psnr_db,
+                    f"{self.psnr_db:.1f} against {other.psnr_db:.1f} dB",
+                ),
+                (self.ssim <= other.ssim, f"SSIM {self.ssim:.3f} against {other.ssim:.3f}"),
+                (self.l1 >= other.l1, f"L1 {self.l1:.1f} against {other.l1:.1f} grey levels"),
+            )
+            if is_no_better
+        ]
 
 
 def read_frame(path: Path) -> np.ndarray:
@@ -116,13 +134,14 @@ def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
     if is_upright and frame.shape[0] < frame.shape[1]:
         frame = np.rot90(frame)
     rows, columns = frame.shape[:2]
-    if rows < camera.rows or rows * camera.columns != columns * camera.rows:
+    off = abs(rows * camera.columns - columns * camera.rows) / camera.rows  # columns
+    if rows < camera.rows or off > 0.5:  # sizes are whole numbers
         raise T2TwinError(
             f"the frames are {size}; they must be {camera.columns} wide, {camera.rows} high, as "
             "the sensor's file says, or larger in these proportions"
             + (", upright or on their side" if is_upright else "")
         )
-    if rows == camera.rows:
+    if (rows, columns) == (camera.rows, camera.columns):
         return np.ascontiguousarray(frame)
     image = Image.fromarray(np.ascontiguousarray(frame))
     return np.array(image.resize((camera.columns, camera.rows), Image.Resampling.BOX))
@@ -140,16 +159,47 @@ def _size(frame: np.ndarray) -> str:
     return f"{frame.shape[1]} wide, {frame.shape[0]} high"
 
 
+def without_markers(frames: Sequence[np.ndarray], camera: Camera) -> tuple[np.ndarray, bool]:
+    """The frames (n, ...) with printed markers filled in, and whether the first one shows any."""
+    scale, filled = camera.scale_px_per_mm, []
+    for frame in frames:
+        smooth = gaussian_filter(frame.astype(float), (1.0, 1.0, 0.0))
+        around = grey_closing(smooth, (*[2 * round(MARKER_MM * scale / 2) + 1] * 2, 1))
+        ink = ((smooth + DARK_GREY) / (around + DARK_GREY)).max(axis=-1) < INK
+        if not filled and ink.mean() < MIN_INK:
+            return np.array(frames), False
+        clear = ~maximum_filter(ink, 2 * max(round(FILL_MM * scale / 3), 1) + 1)[..., None]
+        near = _light(clear, FILL_MM * scale)
+        light = _light(np.where(clear, frame, 0), FILL_MM * scale) / np.maximum(near, MIN_WEIGHT)
+        filled.append(np.where(clear, frame, np.rint(light)).astype(np.uint8))
+    return np.array(filled), True
+
+
 def contact_patch(frame: np.ndarray, background: np.ndarray) -> tuple[float, float] | None:
     """(row, column) of the middle of the contact, px; None if none is visible."""
-    difference = np.abs(_blurred_change(frame, background)).sum(axis=-1)
-    peak = float(difference.max())
-    if peak < VISIBLE_GREY:
+    weight = _contact_change(frame, background)
+    if weight.max() < VISIBLE_GREY:
         return None
-    weight = np.where(difference > BLOB_SHARE * peak, difference, 0.0)
     rows, columns = np.indices(weight.shape)
     total = float(weight.sum())
     return float((rows * weight).sum()) / total, float((columns * weight).sum()) / total
+
+
+def contact_width_px(frame: np.ndarray, background: np.ndarray) -> float:
+    """Width of the visible change: that of the contact, or up to 1.4 times as much (measured)."""
+    area = np.count_nonzero(_contact_change(frame, background))
+    return 2.0 * float(np.sqrt(area / np.pi))
+
+
+def _contact_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """(rows, columns) blurred change, summed over the colors, where it belongs to the contact."""
+    change = np.abs(_blurred_change(frame, background)).sum(axis=-1)
+    return np.where(change > BLOB_SHARE * change.max(), change, 0.0)
+
+
+def same_places(patches_mm: np.ndarray) -> np.ndarray:
+    """(n,) number of the place of each contact (n, 2), in the order of their first contacts."""
+    return connected_components(apart_mm(patches_mm, patches_mm) <= SAME_PLACE_MM)[1]
 
 
 def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
@@ -295,53 +345,66 @@ def cut_and_paste(
 def coverage_of(
     camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
 ) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
-    """Radii of the contacts (n,) of balls, and the share of the image that lies near presses.
+    """Radii of the contacts (n,) of balls, and the share of the gel in view that they cover.
 
-    The third are places of presses that would cover the rest, mm, the best first.
+    The third are places of presses that would cover the rest, mm, the best first. Their contacts
+    have the median radius, and lie on the gel and in the image. What none can cover is left out.
     """
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
-    step = max(min(camera.rows, camera.columns) // STEPS, 1)
-    places = _places(camera, gel, step)
-    candidates = np.unique(places.round(3), axis=0)
-    bare = ~_near(places, poses[:, :2]).any(axis=1)
-    covered, near = 1.0 - float(bare.mean()), _near(places, candidates)
+    next_mm = float(np.median(contacts_mm))
+    places, room_mm = _places(camera, gel, max(min(camera.rows, camera.columns) // STEPS, 1))
+    candidates = places[room_mm >= min(next_mm, room_mm.max())]
+    near = apart_mm(places, candidates) <= next_mm
+    pressed = (apart_mm(places, poses[:, :2]) <= contacts_mm).any(axis=1)
+    bare = near.any(axis=1) & ~pressed
+    count = np.count_nonzero(bare | pressed)
+    covered = 1.0 - np.count_nonzero(bare) / count
+    free_mm = apart_mm(candidates, poses[:, :2]).min(axis=1)
     chosen: list[tuple[float, float]] = []
-    while len(chosen) < MOST and bare.mean() > 1.0 - ENOUGH:
-        best = int(np.argmax(near[bare].sum(axis=0)))
-        chosen.append(tuple(candidates[best].tolist()))
+    while len(chosen) < MOST and np.count_nonzero(bare) > (1.0 - ENOUGH) * count:
+        # among those that cover most, the one farthest from all others
+        gain = near[bare].sum(axis=0) + free_mm / (1.0 + free_mm.max())
+        best = int(np.argmax(gain))
+        chosen.append(tuple(candidates[best].round(3).tolist()))
+        free_mm = np.minimum(free_mm, apart_mm(candidates, candidates[[best]])[:, 0])
         bare &= ~near[:, best]
     return contacts_mm, covered, chosen
 
 
-def _places(camera: Camera, gel: Elastomer, step: int) -> np.ndarray:
-    """(n, 2) mm: the place of each step-th pixel along both axes, moved to where presses can be."""
+def _places(camera: Camera, gel: Elastomer, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2) mm: the gel at each step-th pixel along both axes, and (n,) the distance to the edge
+    of the image or the gel, mm; negative beside the gel."""
     columns, rows = (np.arange(step / 2, count, step) for count in (camera.columns, camera.rows))
-    moved = []
-    for along_mm in camera.gel_points(gel, columns, rows)[:2]:
-        low, high = along_mm.min() + EDGE_MM, along_mm.max() - EDGE_MM
-        moved.append(np.clip(along_mm, low, max(low, high)).ravel())
-    return np.stack(moved, axis=1)
+    x, y, _ = camera.gel_points(gel, columns, rows)
+    half_x, half_y = gel.width_mm / 2, gel.length_mm / 2
+    room_mm = np.min(
+        [
+            x - np.maximum(x[:, :1], -half_x), np.minimum(x[:, -1:], half_x) - x,
+            y - np.maximum(y[:1], -half_y), np.minimum(y[-1:], half_y) - y,
+        ],
+        axis=0,
+    )  # fmt: skip
+    return np.stack([x.ravel(), y.ravel()], axis=1), room_mm.ravel()
 
 
-def _near(places: np.ndarray, presses: np.ndarray) -> np.ndarray:
-    """(places, presses) bool: whether presses (n, 2) cover places (m, 2)."""
-    return np.hypot(*np.moveaxis(places[:, None] - presses, -1, 0)) <= COVER_MM
+def apart_mm(places: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n, m) distances of places (n, 2) to others (m, 2)."""
+    return np.hypot(*np.moveaxis(places[:, None] - others, -1, 0))
 
 
 def coverage_sentences(covered: float, next_mm: Sequence[tuple[float, float]]) -> list[str]:
-    """Which part of the image no press covers, and where the next ones belong."""
+    """Which part of the gel no contact covers, and where the next presses belong."""
     bare = 100.0 * (1.0 - covered)
     if not next_mm:
-        return [f"The presses cover the image, except for {bare:.0f} % of it."]
+        return [f"The contacts cover the gel in the image, except for {bare:.0f} % of it."]
     places = [
         f"{abs(x_mm):.1f} {'left' if x_mm < 0 else 'right'}, "
         f"{abs(y_mm):.1f} {'up' if y_mm < 0 else 'down'}"
         for x_mm, y_mm in next_mm
     ]
     return [
-        f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is "
-        "extrapolated.",
+        f"No contact covers {bare:.0f} % of the gel in the image, where light is extrapolated.",
         f"Press next, in mm from the middle of the image: {'; '.join(places)}.",
     ]
 
@@ -355,10 +418,10 @@ def coverage_picture(
 ) -> Image.Image:
     """The background with the contacts, the uncovered part shaded, and the next presses."""
     background, camera = optics.background, optics.camera
-    places = _places(camera, gel, 1)
+    places, _ = _places(camera, gel, 1)
     covered = np.zeros(len(places), dtype=bool)
-    for pose in poses:
-        covered |= _near(places, pose[None, :2])[:, 0]
+    for pose, radius_mm in zip(poses, radii_mm, strict=True):
+        covered |= apart_mm(places, pose[None, :2])[:, 0] <= radius_mm
     light = background * np.clip(BRIGHT_GREY / max(float(background.mean()), 1.0), 1.0, 4.0)
     shown = np.where(covered.reshape(*light.shape[:2], 1), light, SHADE * light)
     zoom = -(-PICTURE_PX // max(shown.shape[:2]))
@@ -366,9 +429,10 @@ def coverage_picture(
     image = image.resize((zoom * camera.columns, zoom * camera.rows))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
     pressed = zip(poses[:, :2], radii_mm, strict=True)
+    radius_mm = np.median(radii_mm)
     circles = [
         *((*each, PRESSED, f"{number}") for number, each in enumerate(pressed, start=1)),
-        *((place, EDGE_MM, NEXT, f"next {n + 1}") for n, place in enumerate(next_mm)),
+        *((place, radius_mm, NEXT, f"next {n + 1}") for n, place in enumerate(next_mm)),
     ]
     for place, radius_mm, color, label in circles:
         x_mm, y_mm = place

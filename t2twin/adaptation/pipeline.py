@@ -26,6 +26,7 @@ from t2twin.core.templates import render
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
     FORMAT,
+    MARKED,
     OPTICS,
     RECORD,
     OpticsRecord,
@@ -163,6 +164,11 @@ def adapt(
     given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
     )
+    if MARKED in given.notes:
+        raise T2TwinError(
+            "the frames show printed markers, which the simulated presses of an adaptation have "
+            "not; give frames of a gel without markers"
+        )
     out, digest = config.out, config.digest(given)
     fitted = _existing_fit(out, digest)
     for warning in contact_warnings(given.background, str(config.background), config.source):
@@ -180,6 +186,8 @@ def adapt(
     with _step("check", spent, report):  # without the lock, which write_page takes
         result = _check(config, given, fitted, spent)
     write_json(out / ADAPTED, asdict(result))
+    for note in fitted.notes:
+        report(f"warning: {note}")
     return result
 
 

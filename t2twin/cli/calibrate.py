@@ -82,7 +82,7 @@ def calibrate(
             force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
         out: Folder for optics.npz and, with presses, optics.json, optics_strip.png and
-            optics_coverage.png, which shows the part of the image that no press covers.
+            optics_coverage.png, which shows the part of the image that no contact covers.
     """
     from t2twin.calibration import calibrate as calibrate_optics
     from t2twin.calibration import guess_light
@@ -132,16 +132,15 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     Image.fromarray(strip).save(out / "optics_strip.png")
     gel_camera, _ = sensor_and_camera(sensor, None)
     write_fit(out, report, gel_camera.own_gel)
-    trained, held_out = report.trained, report.held_out
     if report.repeated:
         print(f"excluded duplicates: {', '.join(report.repeated)}")
-    print(f"fitted to {trained[0]} to {trained[-1]}, {len(trained)} presses")
-    names = [press.name for press in held_out]
-    print(f"scored on {names[0]} to {names[-1]}, {len(names)} held-out presses;")
+    print(
+        f"fitted to {len(report.trained)} presses, scored on {len(report.held_out)} held-out ones;"
+    )
     print("the pose of each is fitted to its own frame; the written optics are fitted to all\n")
     heads = ("press", "x mm", "y mm", "deep mm", "L1", "SSIM", "PSNR dB")
     presses = [[press.name, f"{press.x_mm:.2f}", f"{press.y_mm:.2f}", f"{press.depth_mm:.2f}",
-                *_cells(press)] for press in held_out]  # fmt: skip
+                *_cells(press)] for press in report.held_out]  # fmt: skip
     means = [[field.name.replace("_", " "), "", "", "", *_cells(getattr(report.scores, field.name))]
              for field in fields(report.scores)]  # fmt: skip
     groups = {"": presses, "mean, contact crop of 100 x 100 px:": means}
