@@ -199,7 +199,7 @@ def test_printed_markers_are_filled_in(tmp_path, monkeypatch):
     plain = sensor_of()
     marked = plain.with_options({"markers": Markers(2.0, 1.0), "frames": 1})
     poses, rng, shape = poses_of(9), np.random.default_rng(0), ball(BALL_MM / 2)
-    commands = [PressCommand(shape.name, x, y, 0.0, 8.0 * depth) for x, y, depth in poses]
+    commands = [PressCommand(shape.name, x, y, 0.0, 3.0 * depth) for x, y, depth in poses]
     contacts = [plain.press(shape, command) for command in commands]
     frames = [marked.image(contact, rng) for contact in (None, *contacts)]
     filled, is_marked = without_markers(frames, plain.camera)

@@ -81,9 +81,8 @@ WIDEST = 2.0
 """Largest visible width of a contact, in diameters of the ball. It is 1.8 of a ball pressed to its
 equator (measured on simulated presses)."""
 UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by little)
+# Ranges of the units: only responses of one gamma, that of a fit, can be averaged.
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
-"""Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
-averaged."""
 OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"  # files of a fit
 FORMAT = 1  # format of optics.json
 FORCES = "forces.csv"
@@ -482,16 +481,14 @@ def read_presses(
 def _parts(
     presses: Presses, folder: Path, held_out: int | None, camera: Camera
 ) -> tuple[list[int], list[int], list[str]]:
-    """Indices of the frames to fit to and of those held out, without copies, and what was found.
-
-    All frames of a place are in one part: they are fitted if one of them is not among the last
-    frames. Where these show hardly any other places, the last places are held out.
-    """
+    """Indices of the frames to fit to and to hold out, without copies, and what was found."""
     places = same_places(presses.patches / camera.scale_px_per_mm)
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(presses.frames):
         first.setdefault(frame.tobytes(), index)
     wanted = len(places) // HELD_OUT_SHARE if held_out is None else held_out
+    # Frames of a place are in one part: fitted, if any of them is not among the last ones. Where
+    # these show hardly any other places, the last places are held out.
     fitted, last = set(places[: max(len(places) - wanted, 0)].tolist()), int(places.max())
     if 2 * np.count_nonzero(~np.isin(places, [*fitted])) < wanted:
         count = last

@@ -161,8 +161,7 @@ class Terms:
         return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
 
     def tables(self, response: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """A response (RGB, entries) as (RGB, LEDs, places, COSINE_TERMS), and its lobe as (RGB,
-        LEDs, LOBE_PLACES, LOBE_TERMS); None without."""
+        """A response (RGB, entries) and its lobe, None without, each (RGB, LEDs, places, terms)."""
         cosines, lobe = np.split(response, [self.cosine_entries], axis=1)
         table = cosines.reshape(3, self.leds, self.places, COSINE_TERMS)
         of_lobe = 3, self.leds, LOBE_PLACES, LOBE_TERMS
@@ -198,8 +197,7 @@ class Sums:
         return max(float(fitted + self.target_square), 0.0) / self.samples
 
     def explained(self, leds: Sequence[int]) -> float:
-        """Square of the change that some LEDs explain, each with any amount of each color, for
-        columns of one entry an LED."""
+        """Square of the change that some LEDs explain, each with any amount of each color."""
         squares, products = self.squares[np.ix_(leds, leds)], self.products[leds]
         floor = 1e-9 * max(float(np.trace(self.squares)), 1e-12)
         factor = np.linalg.cholesky(squares + floor * np.eye(len(squares)))
@@ -208,8 +206,7 @@ class Sums:
 
 
 def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
-    """(RGB, entries): the response with the least penalized error. Raises T2TwinError where no
-    LED's light changes, as that of LEDs which the gel hides."""
+    """(RGB, entries): the response with the least penalized error."""
     try:
         return np.linalg.solve(squares + terms.penalty(squares), products).T
     except np.linalg.LinAlgError as error:
@@ -273,8 +270,8 @@ def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:
 class Geometry:
     """LEDs and the gel's profile, as a vector of parameters."""
 
-    # azimuth and elevation of each LED, degrees; a change of all their distances from the axis, mm;
-    # the logarithm of each size, mm; hold and skirt of ball_surface
+    # azimuths and elevations, degrees; a change of all distances from the axis, mm; logarithms of
+    # sizes, mm; hold and skirt of ball_surface
     values: np.ndarray
     start: np.ndarray  # the values from which the fit starts
     distances_mm: np.ndarray  # (LEDs,) initial distances from the axis
@@ -305,8 +302,7 @@ class Geometry:
 
     @property
     def spread(self) -> np.ndarray:
-        """Standard deviations of the prior (assumed): of azimuths, elevations, the distance, sizes,
-        hold and skirt."""
+        """Standard deviations of the prior (assumed), in the order of the values."""
         counts = [self.count, self.count, 1, self.count, 1, 1]
         return np.repeat([10.0, 6.0, 1.0, 0.5, 0.1, 0.3], counts)
 
@@ -390,8 +386,7 @@ class BallFit:
         return self._refined(self._solved(state.geometry, state.poses, terms))
 
     def _first(self) -> State:
-        """Poses and light from the initial LEDs or, where these explain the presses poorly, from
-        the better of them and the LEDs that the frames show."""
+        """Poses and light from the initial LEDs or, if these are poor, those in the frames."""
         change = float(np.mean([np.mean(target**2) for target in self._targets]))
         state = self._located(self._start)
         if state.error > POORLY_EXPLAINED * change:
@@ -421,8 +416,7 @@ class BallFit:
         return self._solved(geometry, np.array(poses), state.terms)
 
     def _estimated(self) -> list[Geometry]:
-        """As many LEDs as initially where the frames show them, on rings of the mean distance and
-        size, one for each of ELEVATIONS_DEG."""
+        """As many LEDs as initially where the frames show them, one ring for each elevation."""
         distance_mm, size_mm = self._start.distances_mm.mean(), self._start.leds.sizes_mm.mean()
         azimuth = 2.0 * np.pi * np.arange(RING) / RING
         x, y = distance_mm * np.cos(azimuth), -distance_mm * np.sin(azimuth)
@@ -488,8 +482,7 @@ class BallFit:
     def _incidence(
         self, geometry: Geometry, index: int, pose: np.ndarray | None, lobe: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2). pose: None for
-        the gel at rest."""
+        """Cosines and weights (samples, LEDs), and for a lobe normals; at rest for no pose."""
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
@@ -514,8 +507,7 @@ class BallFit:
     def _changed(
         self, geometry: Geometry, index: int, pose: np.ndarray, terms: Terms
     ) -> np.ndarray:
-        """(samples, entries) float64: change of the light by a pose, per unit of each entry of the
-        response."""
+        """(samples, entries) float64: change of the light by a pose, per unit of each entry."""
         places, leds, columns = self._place_terms(index, terms), range(terms.leds), []
         for each in (pose, None):
             cosine, weight, normals = self._incidence(geometry, index, each, terms.lobe)
@@ -526,8 +518,7 @@ class BallFit:
         return (columns[0] - columns[1]).astype(float)
 
     def _gain(self, state: State, index: int) -> list[np.ndarray]:
-        """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
-        COSINE_TERMS or LOBE_TERMS, RGB)."""
+        """The response and any lobe at each sample's place: (samples, LEDs, terms, RGB)."""
         places = self._place_terms(index, state.terms)
         return [
             np.einsum("sp,ckpj->skjc", places[:, : table.shape[2]], table, optimize=True)
@@ -591,8 +582,7 @@ class BallFit:
         return state, damping
 
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the Gauss-Newton step over poses and geometry: the matrix, the part of it that the
-        response absorbs (a Schur complement), and the gradient."""
+        """Of a step: matrix, its part that the response absorbs (Schur complement), gradient."""
         geometry, entries, first = state.geometry, state.response.shape[1], state.poses.size
         size = first + geometry.values.size
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
@@ -613,8 +603,7 @@ class BallFit:
         return matrix, absorbed, gradient
 
     def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
-        derivatives of the light (samples, RGB, parameters) by its pose and the geometry."""
+        """Of one press: columns, residual, and derivatives of the light by pose and geometry."""
         fitted, pose = state.geometry, state.poses[index]
         columns = self._changed(fitted, index, pose, state.terms)
         shown = columns @ state.response.T

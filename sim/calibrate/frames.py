@@ -283,8 +283,7 @@ def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray)
 
 
 def _taps(correlation: np.ndarray) -> np.ndarray:
-    """(TAPS,) symmetric weights of unit energy whose output on white noise has this
-    autocorrelation, (LAGS,)."""
+    """(TAPS,) symmetric weights of unit energy with this autocorrelation, (LAGS,)."""
 
     def weights(sides: np.ndarray) -> np.ndarray:
         taps = np.concatenate([sides[::-1], [1.0], sides])
@@ -373,8 +372,7 @@ def coverage_of(
 
 
 def _places(camera: Camera, gel: Elastomer, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) mm: the gel at each step-th pixel along both axes, and (n,) the distance to the edge
-    of the image or the gel, mm; negative beside the gel."""
+    """(n, 2) mm of the gel at each step-th pixel, and (n,) distances to the edge in view, mm."""
     columns, rows = (np.arange(step / 2, count, step) for count in (camera.columns, camera.rows))
     x, y, _ = camera.gel_points(gel, columns, rows)
     half_x, half_y = gel.width_mm / 2, gel.length_mm / 2
