@@ -203,7 +203,7 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
     if not presses.has_depths:
         return fit
     low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
-    is_measured = np.isfinite(presses.depths_mm)
+    is_measured, scale = np.isfinite(presses.depths_mm), camera.scale_px_per_mm
     measured_mm = presses.depths_mm[is_measured]
     for _ in range(MAX_FITS):
         # fitted over measured depths, by least squares
@@ -217,9 +217,8 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
         camera = structs.replace(camera, scale_px_per_mm=scale)
         fit = BallFit(presses, camera).fit(fit)
     raise T2TwinError(
-        "the displacements do not fit the frames at any scale from "
-        f"{low:g} to {high:g} px/mm; they must be in mm, from the "
-        "ball's first contact"
+        f"the displacements do not fit the frames at any scale from {low:g} to {high:g} px/mm, "
+        f"rather at {scale:.3g}; they must be in mm, from the ball's first contact"
     )
 
 
