@@ -12,23 +12,10 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.shape import ball
+from t2twin.sim.calibrate import calibrate as calibration
 from t2twin.sim.calibrate import fit
-from t2twin.sim.calibrate.calibrate import (
-    calibrate,
-    cleaned,
-    evaluate,
-    fit_presses,
-    guess_light,
-    read_presses,
-)
-from t2twin.sim.calibrate.fit import Presses
-from t2twin.sim.calibrate.frames import (
-    contact_patch,
-    coverage_of,
-    coverage_picture,
-    coverage_sentences,
-    without_markers,
-)
+from t2twin.sim.calibrate import frames as images
+from t2twin.sim.calibrate.calibrate import calibrate, evaluate, guess_light, read_presses
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.markers import Markers
@@ -83,13 +70,13 @@ def test_light_from_elsewhere_in_other_colors_is_found():
     unit, sensor = sensor_of(65.0, COLORS[::-1]), sensor_of()
     background, frames = frames_of(unit, poses_of(9))
     count, missing = len(frames), np.full(len(frames), np.nan)
-    patches = np.array([contact_patch(frame, background) for frame in frames], float)
+    patches = np.array([images.contact_patch(frame, background) for frame in frames], float)
     measured = np.full(count, BALL_MM), missing, missing
     names = [f"press_{index:02d}.png" for index in range(count)]
-    presses = Presses(sensor, background, frames, patches, *measured, names)
+    presses = fit.Presses(sensor, background, frames, patches, *measured, names)
     train, test = list(range(count - HELD_OUT)), list(range(count - HELD_OUT, count))
-    training = cleaned(presses, train)
-    fitted = fit_presses(training, sensor.camera)
+    training = calibration.cleaned(presses, train)
+    fitted = calibration.fit_presses(training, sensor.camera)
     assert evaluate(presses, test, training, fitted).scores.calibrated.psnr_db > 29.5
     geometry = fitted.geometry
     true = np.radians([led.angle_deg for led in unit.spec.light.leds])
@@ -110,31 +97,33 @@ def test_the_presses_that_are_missing_are_named():
     camera, gel = sensor.camera, sensor.own_gel
     grid = np.meshgrid(np.arange(-10.0, 11.0, 2.0), np.arange(-7.0, 8.0, 2.0))
     poses = np.column_stack([*(axis.ravel() for axis in grid), np.ones(grid[0].size)])
-    _, covered, places = coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
+    _, covered, places = images.coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
     assert covered > 0.95 and not places
-    assert coverage_sentences(covered, places)[0].startswith("The contacts cover the gel")
+    assert images.coverage_sentences(covered, places)[0].startswith("The contacts cover the gel")
     left = poses[poses[:, 0] < 1]
-    radii, half, places = coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
+    radii, half, places = images.coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
     assert 0.25 < half < 0.65
     assert places and all(x_mm > 0 for x_mm, _ in places)
-    sentences = " ".join(coverage_sentences(half, places))
+    sentences = " ".join(images.coverage_sentences(half, places))
     assert "right" in sentences and "left" not in sentences
     both = np.concatenate([left[:, :2], places])
     added = np.column_stack([both, np.ones(len(both))])
-    assert coverage_of(camera, gel, added, np.full(len(added), BALL_MM))[1] > half + 0.3
-    picture = np.asarray(coverage_picture(sensor.optics, gel, left, radii, places))
+    assert images.coverage_of(camera, gel, added, np.full(len(added), BALL_MM))[1] > half + 0.3
+    picture = np.asarray(images.coverage_picture(sensor.optics, gel, left, radii, places))
     middle = picture.shape[1] // 2
     assert picture[:, :middle].mean() > 1.5 * picture[:, middle:].mean()
 
 
-@pytest.mark.parametrize("ball_mm", [3.0, 10.0, 14.0])
+@pytest.mark.parametrize("diameter_mm", [3.0, 10.0, 14.0])
 @pytest.mark.parametrize("gel_mm", [24.0, 14.0])
-def test_the_next_presses_lie_in_the_free_part_of_the_gel(ball_mm, gel_mm):
+def test_the_next_presses_lie_in_the_free_part_of_the_gel(diameter_mm, gel_mm):
     """One press covers its contact; others belong where their whole contacts are seen and free."""
     sensor = sensor_of()
-    gel = replace(sensor.own_gel, width_mm=gel_mm)
+    gel, ball_mm = replace(sensor.own_gel, width_mm=gel_mm), np.array([diameter_mm])
     pose, half_mm = np.array([[0.0, 0.0, 0.9]]), sensor.camera.seen_half_extent_mm()
-    (radius_mm,), covered, places = coverage_of(sensor.camera, gel, pose, np.array([ball_mm]))
+    (radius_mm,), covered, places = images.coverage_of(
+        sensor.camera, gel, pose, np.array([ball_mm])
+    )
     half_x, half_y = min(half_mm[0], gel_mm / 2), half_mm[1]
     assert covered == pytest.approx(np.pi * radius_mm**2 / (4 * half_x * half_y), rel=0.15)
     x_mm, y_mm = np.array(places).T
@@ -202,9 +191,9 @@ def test_printed_markers_are_filled_in(tmp_path, monkeypatch):
     commands = [PressCommand(shape.name, x, y, 0.0, 3.0 * depth) for x, y, depth in poses]
     contacts = [plain.press(shape, command) for command in commands]
     frames = [marked.image(contact, rng) for contact in (None, *contacts)]
-    filled, is_marked = without_markers(frames, plain.camera)
+    filled, is_marked = images.without_markers(frames, plain.camera)
     without = np.array([plain.image(contact) for contact in (None, *contacts)])
-    assert is_marked and not without_markers(list(without), plain.camera)[1]
+    assert is_marked and not images.without_markers(list(without), plain.camera)[1]
     assert psnr(filled, without) > psnr(np.array(frames), without) + 10
     folder = written(tmp_path / "frames", frames[0], frames[1:])
     monkeypatch.setattr(fit, "MAX_STEPS", 1)

@@ -1,14 +1,12 @@
 """Calibrates a gel camera's optics to a user's unit: fits some presses, scores on others.
 
 From a background frame alone, an optics file is the mean light of sampled units. The frame does not
-determine how LEDs shade a press. The units that explain it best predict presses no better than the
-others, and the mean over many units predicts them better than any one.
+determine how LEDs shade a press, which the mean of units predicts better than any one.
 
-Frames alone hardly determine the scale: a larger ball pressed deeper and seen from farther away
-gives the same image. Nearly so does the same ball pressed deeper at a smaller scale. A measured
-depth determines it: at a given contact width in pixels, a ball's depth is inversely proportional to
-the square of the scale. For bounds of depths and forces, all presses are fitted twice more, with
-all inputs at the end of their tolerances where presses come out deepest, or shallowest.
+Frames alone hardly determine the scale: the same ball pressed deeper at a smaller scale gives the
+same image. Measured depths determine it: at a given contact width in pixels, a ball's depth is
+inversely proportional to its square. For bounds, all presses are fitted twice more, with all inputs
+at the end of their tolerances where presses come out deepest, or shallowest.
 """
 
 import warnings
@@ -30,37 +28,8 @@ from t2twin.core.files import atomic_write, write_json
 from t2twin.core.images import is_colored
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
-from t2twin.sim.calibrate.fit import (
-    DEEPEST,
-    GAMMA,
-    SHALLOWEST_MM,
-    BallFit,
-    Presses,
-    State,
-    too_small,
-)
-from t2twin.sim.calibrate.frames import (
-    MIN_PIXELS,
-    SAME_PLACE_MM,
-    VISIBLE_GREY,
-    Score,
-    apart_mm,
-    check_usable,
-    clean_background,
-    contact_patch,
-    contact_width_px,
-    coverage_of,
-    coverage_picture,
-    crop_scores,
-    cut_and_paste,
-    mean_score,
-    measure_noise,
-    read_frame,
-    read_frames,
-    same_places,
-    upright_frame,
-    without_markers,
-)
+from t2twin.sim.calibrate import frames as images
+from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses, State, is_at_limit, too_small
 from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
@@ -76,37 +45,25 @@ from t2twin.sim.tables import read_rows
 
 MIN_TRAINING = 6  # smallest number of places to fit to: each LED's light varies over the gel
 HELD_OUT_SHARE = 3  # by default one in so many presses is held out, the last ones
-LIMIT_MM = 1e-3  # distance of a depth to a limit at which it is at the limit
-WIDEST = 2.0
-"""Largest visible width of a contact, in diameters of the ball. It is 1.8 of a ball pressed to its
-equator (measured on simulated presses)."""
+WIDEST = 2.0  # largest visible width of a contact, in diameters (measured: 1.8 at the equator)
 UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by little)
 # Ranges of the units: only responses of one gamma, that of a fit, can be averaged.
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"  # files of a fit
 FORMAT = 1  # format of optics.json
-FORCES = "forces.csv"
-"""Measurements in the folder of the frames: a column file, and any of force_n, depth_mm (from first
-contact) and ball_diameter_mm; a cell may be empty."""
+FORCES = "forces.csv"  # measurements in the folder of the frames: see _Row; cells may be empty
 MARKED = (
     "the frames show printed markers, which are filled in before the fit: optics and scores are "
     "those of a gel without markers, and the noise is up to a fifth too low"
 )
-NOISELESS = (
-    f"no frame shows {MIN_PIXELS:,} pixels without contact: the noise was not measured, and images "
-    "have that of the sensor's file; press with smaller contacts"
-)
+NOISELESS = "the noise was not measured: no frame shows enough of the gel without contact"
 SMALLEST_BALL_MM = 1.0  # smallest diameter of a ball, mm (assumed); the largest fits into the image
 SCALES = (0.5, 2.0)  # range of scales, in parts of the sensor's (assumed)
-SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
-"""Default tolerances of the scale, for a sensor whose file has no range of it, and of the modulus,
-in parts of the file's values (assumed). That of the modulus is Gent's range, Shore 10A to 15A."""
+# Default tolerances of scale, if a file has no range of it, and modulus, in parts of the file's
+SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2  # values (assumed; of Gent's range, Shore 10A to 15A)
 DEPTH_RATIO_TOLERANCE = 2e-3  # of the ratio of fitted to measured depths (assumed)
 MAX_FITS = 6  # fits, each at the scale that follows from the last one; three are common
 SHALLOWEST_SIGN, DEEPEST_SIGN = 1.0, -1.0  # of errors of ball and scale that give such depths
-
-Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
-Depth = Annotated[float, Meta(gt=0.0)]
 
 Report = Callable[[str], object]  # called with progress messages
 
@@ -114,18 +71,14 @@ Report = Callable[[str], object]  # called with progress messages
 @dataclass(frozen=True)
 class Tolerance:
     """Largest errors, in either direction; the defaults are assumed: a caliper for the ball, a
-    stage zeroed by eye, and a kitchen scale.
-
-    Raises T2TwinError for a value that is negative or not finite.
-    """
+    stage zeroed by eye, and a kitchen scale. Raises T2TwinError for a negative value."""
 
     ball_mm: float = 0.1  # of the ball diameters
-    # of the image scale; unused if displacements are measured; by default as far as the sensor's
-    # file lets units differ, or SCALE_SHARE
+    # of the scale, without measured displacements; by default the file's range, or SCALE_SHARE
     scale_px_per_mm: float | None = None
     depth_mm: float = 0.03  # of the displacements, mainly of their zero at first contact
     force_n: float = 0.05
-    # of the modulus in the sensor's file; unused if forces are measured; by default YOUNG_SHARE
+    # of the modulus in the sensor's file, without measured forces; by default YOUNG_SHARE
     young_mpa: float | None = None
 
     def __post_init__(self) -> None:
@@ -152,19 +105,16 @@ class _Row:
     """One press of the file."""
 
     file: str
-    force_n: Force | None = None
-    depth_mm: Depth | None = None
+    force_n: Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])] | None = None
+    depth_mm: Annotated[float, Meta(gt=0.0)] | None = None
     ball_diameter_mm: float | None = None
 
 
 def read_measurements(
     folder: Path, names: Sequence[str], ball_diameter_mm: float, sensor: GelCamera
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Diameters, depths and forces of the named frames of a folder, as in `Presses`; its file
-    FORCES may be missing.
-
-    ball_diameter_mm: of presses without a diameter in the file.
-    """
+    """Diameters, depths and forces of the named frames of a folder, as in `Presses`. The folder's
+    FORCES may be missing; ball_diameter_mm is of presses without a diameter in it."""
     check_ball(ball_diameter_mm, "the ball's diameter in mm", sensor)
     path, rows = folder / FORCES, {}
     thickness_mm = sensor.own_gel.thickness_mm
@@ -197,8 +147,7 @@ def check_ball(diameter_mm: float, name: str, sensor: GelCamera) -> None:
 
 
 def fit_presses(presses: Presses, camera: Camera, start: State | None = None) -> State:
-    """The fit at the camera's scale, or at the scale that measured displacements give. start: state
-    of another fit, whose LEDs and terms are the initial ones."""
+    """The fit at the camera's scale, or at that of displacements; it starts from another's LEDs."""
     fit = BallFit(presses, camera).fit(start)
     if not presses.has_depths:
         return fit
@@ -262,10 +211,9 @@ class OpticsUncertainty:
 
 
 def estimate_uncertainty(
-    presses: Presses, fit: State, tolerance: Tolerance, report: Callable[[str], object]
+    presses: Presses, fit: State, tolerance: Tolerance, report: Report
 ) -> OpticsUncertainty:
-    """Bounds around a fit to all presses. tolerance: complete. report: called with progress
-    messages. Raises T2TwinError where the presses cannot be fitted within the tolerances."""
+    """Bounds around a fit to all presses. tolerance: complete."""
     assert tolerance.young_mpa is not None
     own_mpa = presses.sensor.own_gel.young_mpa
     estimates = [_estimate(presses, fit, own_mpa)]
@@ -292,16 +240,13 @@ def estimate_uncertainty(
         )
     )  # fmt: skip
     return OpticsUncertainty(
-        tolerance=tolerance,
-        presses=press_bounds,
-        scale_px_per_mm=_bounds(scales),
+        tolerance=tolerance, presses=press_bounds, scale_px_per_mm=_bounds(scales),
         depth_measurements=int(np.isfinite(presses.depths_mm).sum()),
-        depth_residual_mm=_residual(depths_mm[0], presses.depths_mm),
-        own_young_mpa=own_mpa,
-        young_mpa=_bounds(moduli_mpa) if presses.has_forces else None,
+        depth_residual_mm=_residual(depths_mm[0], presses.depths_mm), own_young_mpa=own_mpa,
+        young_mpa=_bounds(moduli_mpa) if np.isfinite(presses.forces_n).any() else None,
         force_measurements=int(np.isfinite(presses.forces_n).sum()),
         force_residual_n=_residual(forces_n[0], presses.forces_n),
-    )
+    )  # fmt: skip
 
 
 def shifted(
@@ -341,7 +286,7 @@ def _estimate(
     """Depths and forces (n,), scale and modulus; young_mpa is used where no force is measured."""
     own_mpa = presses.sensor.own_gel.young_mpa
     forces_n = ball_forces_n(presses.sensor, fit.poses, presses.diameters_mm)
-    if presses.has_forces:
+    if np.isfinite(presses.forces_n).any():
         young_mpa = own_mpa * force_ratio(presses.forces_n, forces_n)
     forces_n = forces_n * young_mpa / own_mpa
     return fit.poses[:, 2], forces_n, fit.camera.scale_px_per_mm, young_mpa
@@ -372,12 +317,8 @@ def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray
 
 
 def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
-    """Modulus of the gel in parts of the sensor's, by least squares over the presses with both
-    forces: measured (n,), NaN where not, and the twin's at the same depths in the sensor's gel.
-
-    At a given depth the force of a frictionless contact is proportional to the modulus, since the
-    layer's stiffening depends on its strain alone.
-    """
+    """Modulus in parts of the sensor's, by least squares over forces (n,), measured (NaN where not)
+    and the twin's: at a given depth they are proportional to it, as stiffening is by strain."""
     both = np.isfinite(measured_n) & np.isfinite(own_n)
     if not both.any():
         raise T2TwinError("no press with a measured force can be pressed that deep in the twin")
@@ -392,13 +333,15 @@ DEFAULT_TOLERANCE = Tolerance()
 class OpticsScores:
     """Mean scores on the contact crops of the held-out frames."""
 
-    calibrated: Score  # of the simulated frames
-    cut_and_paste: Score  # of the training presses' mean change, moved to the held-out positions
-    do_nothing: Score  # of the background frame
+    calibrated: images.Score  # of the simulated frames
+    cut_and_paste: (
+        images.Score
+    )  # of the training presses' mean change, moved to the held-out positions
+    do_nothing: images.Score  # of the background frame
 
 
 @dataclass(frozen=True)
-class HeldOutPress(Score):
+class HeldOutPress(images.Score):
     """A held-out press, and the score of its image, simulated with an optics file without it."""
 
     name: str
@@ -446,18 +389,20 @@ def read_presses(
     tolerance: Tolerance | None,
 ) -> tuple[Presses, list[int], list[int]]:
     """The presses of `calibrate`, and the indices of those to fit to and of those held out."""
-    background_frame, frames, names = read_frames(background, presses, camera)
+    background_frame, frames, names = images.read_frames(background, presses, camera)
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
-        check_usable(frame, name, colored)
-    (background_frame, *rest), is_marked = without_markers([background_frame, *frames], camera)
+        images.check_usable(frame, name, colored)
+    (background_frame, *rest), is_marked = images.without_markers(
+        [background_frame, *frames], camera
+    )
     measured = read_measurements(presses, names, ball_diameter_mm, sensor)
     frames = np.array(rest)
-    patches = [contact_patch(frame, background_frame) for frame in frames]
+    patches = [images.contact_patch(frame, background_frame) for frame in frames]
     if empty := [name for name, patch in zip(names, patches, strict=True) if patch is None]:
         raise T2TwinError(
             f"no contact is visible in {', '.join(empty)}: the change of the background is below "
-            f"{VISIBLE_GREY:g} grey levels; remove these frames, or press deeper"
+            f"{images.VISIBLE_GREY:g} grey levels; remove these frames, or press deeper"
         )
     found = Presses(sensor, background_frame, frames, np.array(patches), *measured, names)
     train, test, notes = _parts(found, presses, held_out, camera)
@@ -468,8 +413,8 @@ def read_presses(
             f"{', '.join(names[index] for index in train)}"
         )
     for index in (*train, *test):
-        width_mm = contact_width_px(frames[index], background_frame) / camera.scale_px_per_mm
-        if width_mm > WIDEST * found.diameters_mm[index]:
+        width_mm = images.contact_width_px(frames[index], background_frame) / camera.scale_px_per_mm
+        if width_mm > WIDEST * found.diameters_mm[index]:  # before the long fit
             raise too_small(found, index, camera)
     if tolerance is not None:
         for sign in (DEEPEST_SIGN, SHALLOWEST_SIGN):  # refuses too large ones
@@ -481,7 +426,7 @@ def _parts(
     presses: Presses, folder: Path, held_out: int | None, camera: Camera
 ) -> tuple[list[int], list[int], list[str]]:
     """Indices of the frames to fit to and to hold out, without copies, and what was found."""
-    places = same_places(presses.patches / camera.scale_px_per_mm)
+    places = images.same_places(presses.patches / camera.scale_px_per_mm)
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(presses.frames):
         first.setdefault(frame.tobytes(), index)
@@ -515,7 +460,7 @@ def _parts(
 
 def cleaned(presses: Presses, indices: list[int]) -> Presses:
     """Some presses with the background cleaned with their frames."""
-    clean = clean_background(presses.background, presses.frames[indices])
+    clean = images.clean_background(presses.background, presses.frames[indices])
     return presses.subset(indices, clean)
 
 
@@ -534,67 +479,51 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
         np.stack(camera.project(x, y, np.zeros(x.size)), axis=1)
         for x, y, _ in (fit.poses.T, poses.T)
     )
-    pasted = cut_and_paste(presses.background, training.frames, from_px, to_px)
+    pasted = images.cut_and_paste(presses.background, training.frames, from_px, to_px)
     still = np.broadcast_to(presses.background, held_out.frames.shape)
     each, *baselines = (
-        crop_scores(held_out.frames, other, held_out.patches)
+        images.crop_scores(held_out.frames, other, held_out.patches)
         for other in (simulated, pasted, still)
     )
-    scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
-    worst = held_out.names[int(np.argmin([one.psnr_db for one in each]))]
-    fitted_db, still_db = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
-    if fitted_db <= still_db:
-        raise T2TwinError(
-            f"the fit does not explain the held-out presses, least {worst}: its PSNR is "
-            f"{fitted_db:.1f} dB, and {still_db:.1f} dB for the background; use frames of one "
-            "ball, pressed into the sensor of the background"
-        )
-    notes = [
-        f"the fitted light is no better than {name}: {', '.join(words)} on the held-out presses; "
-        f"the worst is {worst}; check the ball's diameter and the sensor's file, or press at more "
-        "places"
-        for name, other in (
-            ("the moved training presses", scores.cut_and_paste),
-            ("the background alone", scores.do_nothing),
-        )
-        if (words := scores.calibrated.no_better_than(other))
-    ]
+    scores = OpticsScores(*(images.mean_score(scored) for scored in (each, *baselines)))
     all_poses = np.concatenate([fit.poses, poses])
     diameters_mm = np.concatenate([of.diameters_mm for of in (training, held_out)])
-    near = apart_mm(poses[:, :2], fit.poses[:, :2]) <= SAME_PLACE_MM
-    if near.any():
-        pairs = [f"{held_out.names[i]} and {training.names[j]}" for i, j in np.argwhere(near)]
-        notes.append(
-            f"the score is too good: {'; '.join(pairs)} are at one place, one of which is held out "
-            "and the other fitted; give the frames of a place the same depth, or hold out others"
-        )
-    depths_mm, deepest_mm = all_poses[:, 2], DEEPEST * diameters_mm / 2
-    at_limit = np.minimum(depths_mm - SHALLOWEST_MM, deepest_mm - depths_mm) < LIMIT_MM
-    if limited := list(compress([*training.names, *held_out.names], at_limit)):
-        notes.append(
-            f"the depth of {', '.join(limited)} is at a limit of the fit, {SHALLOWEST_MM:g} mm or "
-            f"{DEEPEST:g} radii; check the ball's diameter"
-        )
-    radii_mm, covered, next_mm = coverage_of(
+    worst = held_out.names[int(np.argmin([one.psnr_db for one in each]))]
+    names = [*training.names, *held_out.names]
+    limited = list(compress(names, is_at_limit(all_poses, diameters_mm)))
+    radii_mm, covered, next_mm = images.coverage_of(
         camera, presses.sensor.own_gel, all_poses, diameters_mm
     )
     found = zip(each, held_out.names, *poses.T.tolist(), strict=True)
     return OpticsReport(
         trained=[*training.names],
-        repeated=[n for n in presses.names if n not in (*training.names, *held_out.names)],
+        repeated=[n for n in presses.names if n not in names],
         held_out=tuple(HeldOutPress(one.l1, one.ssim, one.psnr_db, *at) for one, *at in found),
-        scores=scores,
-        covered=covered,
-        next_mm=next_mm,
-        notes=(*presses.notes, *notes),
-        optics=optics,
-        scored_by=optics,
-        poses=all_poses,
-        radii_mm=radii_mm,
-        surfaces_mm=surfaces_mm,
-        real=held_out.frames,
+        scores=scores, covered=covered, next_mm=next_mm,
+        notes=(*presses.notes, *_warnings(scores, worst, limited)), optics=optics, scored_by=optics,
+        poses=all_poses, radii_mm=radii_mm, surfaces_mm=surfaces_mm, real=held_out.frames,
         simulated=simulated,
-    )
+    )  # fmt: skip
+
+
+def _warnings(scores: OpticsScores, worst: str, limited: list[str]) -> list[str]:
+    """What limits a fit. worst: of the held-out frames. limited: frames with depths at a limit."""
+    ours, pasted, still = scores.calibrated, scores.cut_and_paste, scores.do_nothing
+    if ours.psnr_db <= still.psnr_db:
+        raise T2TwinError(
+            f"the fit does not explain the held-out presses, least {worst}: its PSNR is "
+            f"{ours.psnr_db:.1f} dB, and {still.psnr_db:.1f} dB for the background; use frames of "
+            "one ball, pressed into the sensor of the background"
+        )
+    found, advice = [], "check the ball's diameter and the sensor's file, or press at more places"
+    if ours.psnr_db <= pasted.psnr_db or ours.ssim <= max(pasted.ssim, still.ssim):
+        found.append(
+            f"the fitted light is no better than a baseline: {ours}; moved presses {pasted}; "
+            f"background {still}; the worst frame is {worst}; {advice}"
+        )
+    if limited:
+        found.append(f"the depth of {', '.join(limited)} is at a limit of the fit; {advice}")
+    return found
 
 
 def write_fit(
@@ -603,7 +532,7 @@ def write_fit(
     """Write the picture of the coverage, optics.npz, and last optics.json, whose content is
     returned. gel: of the sensor."""
     with atomic_write(folder / COVERAGE) as temporary:
-        picture = coverage_picture(
+        picture = images.coverage_picture(
             report.optics, gel, report.poses, report.radii_mm, report.next_mm
         )
         picture.save(temporary)
@@ -711,7 +640,7 @@ def calibrate(
     young = None if uncertainty is None else uncertainty.young_mpa
     optics = replace(
         fit.optics(every.background),
-        noise=measure_noise(every.background, every.frames, given.background),
+        noise=images.measure_noise(every.background, every.frames, given.background),
         young_mpa=None if young is None else young.value,
     )
     notes = (*evaluated.notes, *[NOISELESS] * (optics.noise is None))
@@ -736,9 +665,11 @@ def guess_light(
     """
     own, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
-    frame = upright_frame(read_frame(arguments.path(background, "background")), camera)
-    check_usable(frame, str(background), is_colored(own.background_frame()))
-    (frame,), is_marked = without_markers([frame], camera)
+    frame = images.upright_frame(
+        images.read_frame(arguments.path(background, "background")), camera
+    )
+    images.check_usable(frame, str(background), is_colored(own.background_frame()))
+    (frame,), is_marked = images.without_markers([frame], camera)
     if is_marked:
         warnings.warn(MARKED, T2TwinWarning, stacklevel=2)
     report(f"sampling {UNIT_COUNT} units of {own.name}, some seconds")

@@ -1,22 +1,20 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
-The parameters are the pose (x_mm, y_mm, depth_mm) of each press, and the geometry that all presses
-share: LEDs, and the gel's profile around a ball. Others are the response of each LED in each color,
-which is linear. All are fitted jointly to the grey levels around the contacts by the method of
-Levenberg and Marquardt (1963); the response is solved for after each step. Between two such fits,
-select_terms selects the response's terms.
+The pose (x_mm, y_mm, depth_mm) of each press, the geometry that all share (LEDs, and the gel's
+profile around a ball) and the linear response of each LED in each color are fitted jointly to the
+grey levels around the contacts by the method of Levenberg and Marquardt (1963). The response is
+found after each step by ridge regression. Its entries are (LED, place, power): polynomials of the
+place times powers of the cosine of incidence, which select_terms selects between two fits.
 
-The response is found by ridge regression. Its entries are (LED, place, power): polynomials of the
-place times powers of the cosine of incidence. LEDs that the frames show are found by photometric
-stereo on surfaces of known normals, the balls. On a ring of LEDs, those are chosen whose Lambertian
-light explains the change of the background best, in any amount of each color. A lobe can replace a
-tenth of the depths (measured on a real unit), so these are fitted without it.
-
-A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2).
+LEDs that the frames show are found by photometric stereo on the balls: on a ring of LEDs, those are
+chosen whose Lambertian light explains the change of the background best. A lobe can replace a tenth
+of the depths (measured on a real unit), so these are fitted without it. A sample is a block of 2 x
+2 pixels.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares, nnls
@@ -50,18 +48,14 @@ from t2twin.sim.optical.surface import ball_surface
 GAMMA = 1.0  # exponent between light and grey levels of a real unit (measured by cross-validation)
 MAX_STEPS = 8  # largest number of steps of the joint fit
 MIN_GAIN = 2e-3  # the fit ends when a step lowers the error by less than this fraction (assumed)
-POORLY_EXPLAINED = 0.08
-"""The part that the LEDs of the sensor's file may leave before the fit also starts from LEDs that
-the frames show. It is 0.12 to 0.19 on units whose LEDs are turned around the gel by 30 to 180
-degrees (measured), and below 0.11 on sampled ones, for which both starts are alike."""
-MAX_UNEXPLAINED = 0.25
-"""Largest part of the change of the light, in mean square, that the first light and poses may leave
-(assumed). It is 0.01 to 0.11 on a real unit and sampled ones."""
+# Part of the change that the file's LEDs may leave before the fit also starts from LEDs in the
+POORLY_EXPLAINED = 0.08  # frames (measured: 0.12 to 0.19 with turned LEDs, below 0.11 without)
+# Largest part of the change, in mean square, that the first light and poses may leave (assumed: it
+MAX_UNEXPLAINED = 0.25  # is 0.01 to 0.11 on a real unit and sampled ones)
 POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3  # difference step and longest fit step of a pose, mm
 NUDGE = 0.1  # step of those of the geometry, in standard deviations of the prior
-PRIOR = 2e-5
-"""Weight of the priors: one standard deviation of a parameter costs as much as this mean square
-error over one press, in (grey / 255)^2 (assumed)."""
+# Mean square error over one press, (grey / 255)^2, that costs as much as one standard deviation of
+PRIOR = 2e-5  # a parameter's prior (assumed)
 HALF_MM = 3.75  # half side of the square around a press, mm, which contains the shadows
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93  # bounds of a depth: mm, and in parts of the ball's radius
 
@@ -73,9 +67,8 @@ RING = MAX_LEDS  # number of LEDs of a ring
 GROWTH = 2.0  # factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)
 DEGREES = (2, 3, PLACE_DEGREE)
 RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)  # candidate degrees in the place and weights of the ridge
-TIE_DB = 0.15
-"""Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
-the left-out presses too, which favors weak ridges."""
+# Difference in validation error that is a tie, dB (assumed): poses and LEDs were fitted to the
+TIE_DB = 0.15  # left-out presses too, which favors weak ridges
 GROUPS = 4  # folds of the cross-validation: every fourth press is left out in turn (assumed)
 MIN_IMPROVEMENT = 1e-6  # part of the squared error by which exchanging an LED lowers it (assumed)
 
@@ -99,17 +92,19 @@ class Presses:
     def has_depths(self) -> bool:
         return bool(np.isfinite(self.depths_mm).any())
 
-    @property
-    def has_forces(self) -> bool:
-        return bool(np.isfinite(self.forces_n).any())
-
     def subset(self, presses: Sequence[int], background: np.ndarray) -> "Presses":
         """The presses with these indices, with another background."""
-        return Presses(
-            self.sensor, background, self.frames[presses], self.patches[presses],
-            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses],
-            [self.names[index] for index in presses],
-        )  # fmt: skip
+        arrays = ("frames", "patches", "diameters_mm", "depths_mm", "forces_n")
+        picked: Any = {name: getattr(self, name)[presses] for name in arrays}
+        names = [self.names[index] for index in presses]
+        return replace(self, background=background, names=names, **picked)
+
+
+def is_at_limit(poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
+    """(n,) bool: whether the depth of a pose (n, 3) is at a limit of the fit."""
+    return ~(
+        (poses[:, 2] > 1.001 * SHALLOWEST_MM) & (poses[:, 2] < 0.4995 * DEEPEST * diameters_mm)
+    )
 
 
 def too_small(presses: Presses, index: int, camera: Camera) -> T2TwinError:
@@ -217,8 +212,7 @@ def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.n
 
 
 def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
-    """The terms with the least cross-validation error; among those within TIE_DB of it, the best of
-    the strongest ridge. presses: with the entries of Terms.most."""
+    """The terms with the least validation error; of ties, the best of the strongest ridge."""
     candidates = [
         Terms(leds, degree, ridge, lobe)
         for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
@@ -330,14 +324,10 @@ class State:
         table, lobe = self.terms.tables(self.response)
         response[:, :, : self.terms.places] = table.transpose(1, 0, 2, 3)
         return Optics(
-            background=background,
-            leds_mm=leds.places_mm,
-            sizes_mm=leds.sizes_mm,
-            response=response,
-            gamma=GAMMA,
-            camera=self.camera,
+            background=background, leds_mm=leds.places_mm, sizes_mm=leds.sizes_mm,
+            response=response, gamma=GAMMA, camera=self.camera,
             lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
-        )
+        )  # fmt: skip
 
 
 class BallFit:
@@ -449,8 +439,7 @@ class BallFit:
         return state
 
     def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
-        """(x_mm, y_mm, depth_mm) of one frame, the model fixed. start: the initial pose; None for
-        several initial depths."""
+        """(x_mm, y_mm, depth_mm) of one frame, the model fixed. start: None for several depths."""
         middle, radius_mm = self._start_poses[index], self.radii_mm[index]
         starts = [np.array([*middle[:2], share * radius_mm]) for share in (0.25, 0.45, 0.65)]
         starts = starts if start is None else [start]

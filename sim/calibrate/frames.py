@@ -28,25 +28,21 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 FORMATS = ("PNG", "JPEG", "BMP")
 CROP_PX = 100  # side of the crop around a contact on which scores are computed, px
 BLOB_BLUR_PX = 4.0  # blur of the change before the contact is detected, px (assumed)
-VISIBLE_GREY = 40.0
-"""Smallest blurred difference of a contact, summed over the colors, grey levels (assumed: drift of
-the light is below a third of it, a ball 0.2 mm deep several times above)."""
+# Smallest blurred difference of a contact, summed over the colors, grey levels (assumed: drift of
+VISIBLE_GREY = 40.0  # the light is below a third of it, a ball 0.2 mm deep several times above)
 BLOB_SHARE = 0.35  # of the largest change, from which a pixel belongs to the contact (assumed)
 CONTACT_GREY = 10.0  # blurred change from which a pixel is not background (assumed)
 CONTACT_MARGIN_PX = 8  # distance to such a pixel within which others are excluded too, px (assumed)
 PATTERN_BLUR_PX = 4.0  # length that separates fixed pattern and light, px (assumed)
-DRIFT_BLUR_PX = 7.0
-"""Length over which the drift of the light is averaged, px (of 4, 7, 10 and 15 px slightly the best
-in cross-validation)."""
+DRIFT_BLUR_PX = 7.0  # over which drift is averaged, px (of 4, 7, 10, 15 the best by a little)
 MIN_WEIGHT = 1e-3  # smallest blurred number of frames that a drift is divided by (assumed)
 DRIFT_PX = 8.0  # length scale above which variation is drift of the light, not noise, px (assumed)
 LAGS = 4  # largest lag of the autocorrelation along an axis, px
 MIN_PIXELS = 2_000  # smallest number of background pixels of a frame (assumed)
 QUIETEST_GREY = 0.05  # noise of frames without any, such as edited ones, grey levels
 
-SAME_PLACE_MM = 0.4
-"""Distance of presses up to which they are at one place (assumed). The middle of the visible change
-moves by up to 0.3 mm with the depth (measured on simulated presses)."""
+# Distance of presses of one place (assumed: the middle of the visible change moves by up to 0.3 mm
+SAME_PLACE_MM = 0.4  # with the depth, measured on simulated presses)
 MARKER_MM, FILL_MM = 1.5, 0.3  # largest diameter of a marker, and blur that fills it in (assumed)
 INK, MIN_INK, DARK_GREY = 0.75, 0.01, 4.0
 """A pixel is ink where each color plus DARK_GREY is below INK of that of its surroundings: none in
@@ -68,20 +64,8 @@ class Score:
     ssim: float
     psnr_db: float
 
-    def no_better_than(self, other: "Score") -> list[str]:
-        """The metrics, in words, in which another score is as good or better."""
-        return [
-            words
-            for is_no_better, words in (
-                (
-                    self.psnr_db <= other.psnr_db,
-                    f"{self.psnr_db:.1f} against {other.psnr_db:.1f} dB",
-                ),
-                (self.ssim <= other.ssim, f"SSIM {self.ssim:.3f} against {other.ssim:.3f}"),
-                (self.l1 >= other.l1, f"L1 {self.l1:.1f} against {other.l1:.1f} grey levels"),
-            )
-            if is_no_better
-        ]
+    def __str__(self) -> str:
+        return f"{self.psnr_db:.1f} dB, SSIM {self.ssim:.3f}"
 
 
 def read_frame(path: Path) -> np.ndarray:
@@ -125,10 +109,7 @@ def read_frames(
 
 def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
     """(rows, columns, 3): a frame in the size of the camera's images; larger ones are averaged.
-
-    Sensors with upright images have a wide camera, whose own frames are rotated by a quarter turn
-    counterclockwise, as the interface of the default sensor does.
-    """
+    Frames on their side of upright images are rotated, as the default sensor's interface does."""
     size = _size(frame)
     is_upright = camera.rows > camera.columns
     if is_upright and frame.shape[0] < frame.shape[1]:
@@ -199,7 +180,7 @@ def _contact_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
 
 def same_places(patches_mm: np.ndarray) -> np.ndarray:
     """(n,) number of the place of each contact (n, 2), in the order of their first contacts."""
-    return connected_components(apart_mm(patches_mm, patches_mm) <= SAME_PLACE_MM)[1]
+    return connected_components(_apart_mm(patches_mm, patches_mm) <= SAME_PLACE_MM)[1]
 
 
 def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
@@ -216,13 +197,8 @@ def background_pixels(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
 
 
 def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """uint8: the background at the time of the frames, with its noise averaged out.
-
-    The light is the background's, blurred by PATTERN_BLUR_PX, plus the frames' mean drift: LEDs
-    warm up, which changes it by some grey levels within minutes. The drift is 0 where no frame
-    shows the background nearby. The fixed pattern is averaged over the background and the frames'
-    background pixels.
-    """
+    """uint8: the background at the time of the frames, with its noise averaged out. The light is
+    the background's, blurred, plus the frames' mean drift, as LEDs warm up."""
     light = _light(background, PATTERN_BLUR_PX)
     pattern, change, count = background - light, np.zeros_like(light), np.zeros(light.shape[:2])
     for frame in frames:
@@ -243,8 +219,7 @@ def _light(image: np.ndarray, blur_px: float) -> np.ndarray:
 
 
 def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
-    """The square of CROP_PX, or as large as the image, around a place (row, column), moved into
-    the image."""
+    """The square of CROP_PX, or less, around a place (row, column), moved into the image."""
     half = min(CROP_PX, *image.shape[:2]) // 2
     row, column = (
         round(min(max(middle, half), count - half))
@@ -254,10 +229,8 @@ def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray) -> Noise | None:
-    """The noise of frames, from their background pixels; None if no frame has MIN_PIXELS.
-
-    clean: the background with its noise averaged out. background: the frame.
-    """
+    """The noise of frames, from their background pixels; None if no frame has MIN_PIXELS. clean:
+    the background with its noise averaged out. background: the frame."""
     covariance, autocovariance, count = np.zeros((3, 3)), np.zeros((LAGS, 3)), 0
     for frame in frames:
         mask = background_pixels(frame, background)
@@ -291,8 +264,7 @@ def _taps(correlation: np.ndarray) -> np.ndarray:
 
     def residual(sides: np.ndarray) -> np.ndarray:
         taps = weights(sides)
-        own = np.correlate(taps, taps, "full")[TAPS : TAPS + LAGS]
-        return own - correlation
+        return np.correlate(taps, taps, "full")[TAPS : TAPS + LAGS] - correlation
 
     fit = least_squares(residual, np.full(REACH, 0.3), bounds=(-1.0, 1.0))
     return weights(fit.x)
@@ -325,10 +297,7 @@ def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list
 def cut_and_paste(
     background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
 ) -> np.ndarray:
-    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
-
-    from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
-    """
+    """(m, ...) uint8: the background with the presses' mean change, moved by whole pixels."""
     changes = np.concatenate(  # the last channel counts the presses that a pixel shows
         [training.astype(float) - background, np.ones((*training.shape[:3], 1))], axis=-1
     )
@@ -344,29 +313,27 @@ def cut_and_paste(
 def coverage_of(
     camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
 ) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
-    """Radii of the contacts (n,) of balls, and the share of the gel in view that they cover.
-
-    The third are places of presses that would cover the rest, mm, the best first. Their contacts
-    have the median radius, and lie on the gel and in the image. What none can cover is left out.
-    """
+    """Radii of the contacts (n,) of balls, the share of the gel in view that they cover, and places
+    of presses that would cover the rest, mm, the best first. Their contacts have the median radius,
+    and lie on the gel and in the image. What none can cover is left out."""
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
     next_mm = float(np.median(contacts_mm))
     places, room_mm = _places(camera, gel, max(min(camera.rows, camera.columns) // STEPS, 1))
     candidates = places[room_mm >= min(next_mm, room_mm.max())]
-    near = apart_mm(places, candidates) <= next_mm
-    pressed = (apart_mm(places, poses[:, :2]) <= contacts_mm).any(axis=1)
+    near = _apart_mm(places, candidates) <= next_mm
+    pressed = (_apart_mm(places, poses[:, :2]) <= contacts_mm).any(axis=1)
     bare = near.any(axis=1) & ~pressed
     count = np.count_nonzero(bare | pressed)
     covered = 1.0 - np.count_nonzero(bare) / count
-    free_mm = apart_mm(candidates, poses[:, :2]).min(axis=1)
+    free_mm = _apart_mm(candidates, poses[:, :2]).min(axis=1)
     chosen: list[tuple[float, float]] = []
     while len(chosen) < MOST and np.count_nonzero(bare) > (1.0 - ENOUGH) * count:
         # among those that cover most, the one farthest from all others
         gain = near[bare].sum(axis=0) + free_mm / (1.0 + free_mm.max())
         best = int(np.argmax(gain))
         chosen.append(tuple(candidates[best].round(3).tolist()))
-        free_mm = np.minimum(free_mm, apart_mm(candidates, candidates[[best]])[:, 0])
+        free_mm = np.minimum(free_mm, _apart_mm(candidates, candidates[[best]])[:, 0])
         bare &= ~near[:, best]
     return contacts_mm, covered, chosen
 
@@ -386,7 +353,7 @@ def _places(camera: Camera, gel: Elastomer, step: int) -> tuple[np.ndarray, np.n
     return np.stack([x.ravel(), y.ravel()], axis=1), room_mm.ravel()
 
 
-def apart_mm(places: np.ndarray, others: np.ndarray) -> np.ndarray:
+def _apart_mm(places: np.ndarray, others: np.ndarray) -> np.ndarray:
     """(n, m) distances of places (n, 2) to others (m, 2)."""
     return np.hypot(*np.moveaxis(places[:, None] - others, -1, 0))
 
@@ -419,21 +386,18 @@ def coverage_picture(
     places, _ = _places(camera, gel, 1)
     covered = np.zeros(len(places), dtype=bool)
     for pose, radius_mm in zip(poses, radii_mm, strict=True):
-        covered |= apart_mm(places, pose[None, :2])[:, 0] <= radius_mm
+        covered |= _apart_mm(places, pose[None, :2])[:, 0] <= radius_mm
     light = background * np.clip(BRIGHT_GREY / max(float(background.mean()), 1.0), 1.0, 4.0)
     shown = np.where(covered.reshape(*light.shape[:2], 1), light, SHADE * light)
     zoom = -(-PICTURE_PX // max(shown.shape[:2]))
     image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
     image = image.resize((zoom * camera.columns, zoom * camera.rows))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
-    pressed = zip(poses[:, :2], radii_mm, strict=True)
-    radius_mm = np.median(radii_mm)
     circles = [
-        *((*each, PRESSED, f"{number}") for number, each in enumerate(pressed, start=1)),
-        *((place, radius_mm, NEXT, f"next {n + 1}") for n, place in enumerate(next_mm)),
+        *((*each, PRESSED, f"{n + 1}") for n, each in enumerate(zip(poses, radii_mm, strict=True))),
+        *((place, np.median(radii_mm), NEXT, f"next {n + 1}") for n, place in enumerate(next_mm)),
     ]
-    for place, radius_mm, color, label in circles:
-        x_mm, y_mm = place
+    for (x_mm, y_mm, *_), radius_mm, color, label in circles:
         row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
         radius = zoom * float(radius_mm) * camera.scale_px_per_mm
         pen.circle((column, row), radius, outline=color, width=2)

@@ -164,13 +164,8 @@ def adapt(
     given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
     )
-    if MARKED in given.notes:
-        raise T2TwinError(
-            "the frames show printed markers, which the simulated presses of an adaptation have "
-            "not; give frames of a gel without markers"
-        )
     out, digest = config.out, config.digest(given)
-    fitted = _existing_fit(out, digest)
+    fitted = _existing_fit(out, digest, given)
     for warning in contact_warnings(given.background, str(config.background), config.source):
         report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
@@ -186,8 +181,6 @@ def adapt(
     with _step("check", spent, report):  # without the lock, which write_page takes
         result = _check(config, given, fitted, spent)
     write_json(out / ADAPTED, asdict(result))
-    for note in fitted.notes:
-        report(f"warning: {note}")
     return result
 
 
@@ -299,8 +292,10 @@ def _write_recipe(config: AdaptConfig) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _existing_fit(out: Path, digest: str) -> OpticsRecord | None:
-    """The optics of an interrupted adaptation; refuses other inputs and other content."""
+def _existing_fit(out: Path, digest: str, presses: Presses) -> OpticsRecord | None:
+    """The optics of an interrupted adaptation; refuses other inputs, other content, and markers."""
+    if MARKED in presses.notes:  # simulated presses have none
+        raise T2TwinError("the frames show printed markers; expected a gel without markers")
     if not out.is_dir() or is_empty(out):
         return None
     if not (out / RECORD).is_file():
