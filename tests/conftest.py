@@ -146,10 +146,8 @@ def calibrated(small_unit, products):
         folder.mkdir()
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(fit, "MAX_STEPS", 1)  # it starts from the unit's own light
-            fitted = calibrate(
-                small_unit / "background.png", small_unit, BALL_MM, HELD_OUT, tolerance=None,
-                sensor=small_digit(),
-            )  # fmt: skip
+            given = small_unit / "background.png", small_unit, BALL_MM, HELD_OUT
+            fitted = calibrate(*given, tolerance=None, sensor=small_digit())
         (folder / "report.pickle").write_bytes(pickle.dumps(fitted))
 
     return pickle.loads((products.make("calibrated", build) / "report.pickle").read_bytes())

@@ -131,11 +131,10 @@ def copy(small_unit, tmp_path):
     return shutil.copytree(small_unit, tmp_path / "copy")
 
 
-def refused(folder, held_out=None, ball_mm=BALL_MM):
+def refused(folder, held_out=None):
+    given = folder / "background.png", folder, BALL_MM, held_out
     with pytest.raises(T2TwinError) as error:
-        calibrate(
-            folder / "background.png", folder, ball_mm, held_out, tolerance=None, sensor=SMALL
-        )
+        calibrate(*given, tolerance=None, sensor=SMALL)
     return str(error.value)
 
 

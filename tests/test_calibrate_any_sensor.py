@@ -33,7 +33,7 @@ def sensor_of(turn_deg=0.0, colors=COLORS):
     own = SensorPair().camera.spec
     flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
     gel = structs.replace(own.gel, width_mm=24.0, length_mm=18.0, **flat)
-    camera = structs.replace(own.camera, rows=96, columns=132, scale_px_per_mm=6.0, noise_grey=1.5)
+    camera = structs.replace(own.camera, rows=95, columns=133, scale_px_per_mm=6.0, noise_grey=1.5)
     plain = structs.replace(own.light.leds[0], aim_mm=(0.0, 0.0, 0.0), beam_deg=(60.0, 85.0))
     leds = tuple(
         structs.replace(plain, color=color, angle_deg=(90.0 * number + 20.0 + turn_deg) % 360.0)
@@ -139,10 +139,9 @@ def written(folder, background, frames):
 
 
 def refused(folder, *, ball_mm=BALL_MM, sensor, **options):
+    options |= {"tolerance": None, "sensor": sensor}
     with pytest.raises(T2TwinError) as error:
-        calibrate(
-            folder / "background.png", folder, ball_mm, tolerance=None, sensor=sensor, **options
-        )
+        calibrate(folder / "background.png", folder, ball_mm, **options)
     said = str(error.value)
     assert "\n" not in said
     return said
@@ -153,9 +152,7 @@ def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
     frames = frames_of(sensor, poses_of(9))
     folder = written(tmp_path / "frames", *frames)
     said = refused(folder, ball_mm=2.0, sensor=sensor)
-    assert re.search(
-        r"too small for the contact in press_0\d.png, which is about 4.\d mm wide", said
-    )
+    assert re.search(r"too small for the contact in press_0\d.png.* about 4.\d mm wide", said)
     assert "must be 240 wide, 320 high" in refused(folder, sensor="digit")
     assert "is a taxel array; expected a gel camera" in refused(folder, sensor="cyskin-20")
     assert "from 1 to 16" in refused(folder, ball_mm=17.0, sensor=sensor)

@@ -65,8 +65,6 @@ DEPTH_RATIO_TOLERANCE = 2e-3  # of the ratio of fitted to measured depths (assum
 MAX_FITS = 6  # fits, each at the scale that follows from the last one; three are common
 SHALLOWEST_SIGN, DEEPEST_SIGN = 1.0, -1.0  # of errors of ball and scale that give such depths
 
-Report = Callable[[str], object]  # called with progress messages
-
 
 @dataclass(frozen=True)
 class Tolerance:
@@ -190,8 +188,7 @@ class PressBounds:
     name: str
     ball_diameter_mm: float
     depth_mm: Bounds
-    # the twin's at the depth, in a gel of the fitted modulus, or of the sensor's without measured
-    # forces; None where no allowed force reaches the depth
+    # the twin's at the depth, for the fitted modulus if any; None where no allowed force reaches it
     force_n: Bounds | None
 
 
@@ -211,7 +208,7 @@ class OpticsUncertainty:
 
 
 def estimate_uncertainty(
-    presses: Presses, fit: State, tolerance: Tolerance, report: Report
+    presses: Presses, fit: State, tolerance: Tolerance, report: Callable[[str], object]
 ) -> OpticsUncertainty:
     """Bounds around a fit to all presses. tolerance: complete."""
     assert tolerance.young_mpa is not None
@@ -304,8 +301,7 @@ def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:
 
 
 def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
-    """(n,) N: forces of balls at poses (n, 3) in the gel of a sensor's file; NaN where no allowed
-    force reaches the depth."""
+    """(n,) N: forces at poses (n, 3) in the sensor's gel; NaN where no allowed force reaches."""
     forces_n = np.full(len(poses), np.nan)
     for index, (x_mm, y_mm, depth_mm) in enumerate(poses.tolist()):
         shape = ball(float(diameters_mm[index]) / 2)
@@ -529,8 +525,7 @@ def _warnings(scores: OpticsScores, worst: str, limited: list[str]) -> list[str]
 def write_fit(
     folder: Path, report: OpticsReport, gel: Elastomer, inputs_sha256: str | None = None
 ) -> OpticsRecord:
-    """Write the picture of the coverage, optics.npz, and last optics.json, whose content is
-    returned. gel: of the sensor."""
+    """Write the picture of the coverage, optics.npz, and last optics.json, which is returned."""
     with atomic_write(folder / COVERAGE) as temporary:
         picture = images.coverage_picture(
             report.optics, gel, report.poses, report.radii_mm, report.next_mm
@@ -602,7 +597,7 @@ def calibrate(
     ball_diameter_mm: float,
     held_out: int | None = None,
     camera: Camera | None = None,
-    report: Report = lambda line: None,
+    report: Callable[[str], object] = lambda line: None,
     tolerance: Tolerance | None = DEFAULT_TOLERANCE,
     sensor: str | Path | GelCamera = SOURCE,
 ) -> OpticsReport:
@@ -652,7 +647,7 @@ def calibrate(
 def guess_light(
     background: str | Path,
     camera: Camera | None = None,
-    report: Report = lambda line: None,
+    report: Callable[[str], object] = lambda line: None,
     sensor: str | Path | GelCamera = SOURCE,
 ) -> Optics:
     """An optics file with the user's background and the mean light of sampled units.

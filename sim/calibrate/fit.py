@@ -124,8 +124,7 @@ class Terms:
 
     leds: int  # their number
     degree: int  # the highest in the place
-    # weight of a term of degree zero, in parts of the columns' mean square; GROWTH times as much
-    # for each further degree
+    # weight of degree zero, in parts of the columns' mean square; GROWTH times for each further one
     ridge: float
     lobe: bool = False
 

@@ -85,8 +85,7 @@ def read_frame(path: Path) -> np.ndarray:
 def read_frames(
     background: Path, folder: Path, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The background, the presses sorted by name, all upright, and their names. The folder may
-    contain the background's file."""
+    """The background, the presses sorted by name, without the background, upright, and names."""
     if not folder.is_dir():
         raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of images")
     paths = sorted(
@@ -313,9 +312,8 @@ def cut_and_paste(
 def coverage_of(
     camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
 ) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
-    """Radii of the contacts (n,) of balls, the share of the gel in view that they cover, and places
-    of presses that would cover the rest, mm, the best first. Their contacts have the median radius,
-    and lie on the gel and in the image. What none can cover is left out."""
+    """Radii (n,) of contacts, the share of the gel in view that they cover, and places, mm, of
+    presses that would cover the rest, with the median radius, all in view; the best first."""
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
     next_mm = float(np.median(contacts_mm))
