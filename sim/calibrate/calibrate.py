@@ -253,21 +253,18 @@ def shifted(
     assert tolerance.scale_px_per_mm is not None and tolerance.young_mpa is not None
     own_mpa = presses.sensor.own_gel.young_mpa
     moved = replace(
-        presses,
-        diameters_mm=presses.diameters_mm + sign * tolerance.ball_mm,
+        presses, diameters_mm=presses.diameters_mm + sign * tolerance.ball_mm,
         depths_mm=np.maximum(presses.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
         forces_n=np.maximum(presses.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
-    )
+    )  # fmt: skip
     for diameter_mm in moved.diameters_mm.tolist():
         check_ball(diameter_mm, "the ball's diameter in mm, within its tolerance,", presses.sensor)
     if not presses.has_depths:
         scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
         low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
         if not low <= scale <= high:
-            raise T2TwinError(
-                f"the scale within its tolerance, {scale:g} px/mm, is beyond {low:g} to {high:g} "
-                "px/mm"
-            )
+            found = f"the scale within its tolerance, {scale:g} px/mm,"
+            raise T2TwinError(f"{found} is beyond {low:g} to {high:g} px/mm")
         camera = structs.replace(camera, scale_px_per_mm=scale)
     if not tolerance.young_mpa < own_mpa:
         raise T2TwinError(
@@ -465,9 +462,7 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
     held_out, camera = presses.subset(test, training.background), fit.camera
     model = BallFit(held_out, camera)
     poses = np.array([model.pose(fit, index) for index in range(len(test))])
-    surfaces_mm = np.array(
-        [model.surface(fit.geometry, index, pose) for index, pose in enumerate(poses)]
-    )
+    surfaces_mm = np.array([model.surface(fit.geometry, *each) for each in enumerate(poses)])
     optics = fit.optics(training.background)
     renderer = ImageRenderer(optics, presses.sensor.own_gel, presses.sensor.noise_grey)
     simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
@@ -584,11 +579,10 @@ def sample_lights(
 def mean_light(units: Sequence[Optics]) -> Optics:
     """The mean LED positions and response, and the geometric mean of the LED sizes."""
     return replace(
-        units[0],
-        leds_mm=np.mean([unit.leds_mm for unit in units], axis=0),
+        units[0], leds_mm=np.mean([unit.leds_mm for unit in units], axis=0),
         sizes_mm=np.exp(np.mean([np.log(unit.sizes_mm) for unit in units], axis=0)),
         response=np.mean([unit.response for unit in units], axis=0),
-    )
+    )  # fmt: skip
 
 
 def calibrate(
@@ -654,8 +648,7 @@ def guess_light(
 
     background: a background frame, in the size of the sensor's images, PNG or JPEG, whose noise is
     kept. camera: scale and distance, which a frame does not determine; None for those of the
-    sensor. report: called with progress messages. sensor: as for `calibrate`. Printed markers are
-    filled in, with a T2TwinWarning.
+    sensor. report, sensor: as for `calibrate`. Printed markers are filled in, with a T2TwinWarning.
     Raises T2TwinError for an invalid frame, and for a sensor whose units cannot be sampled.
     """
     own, camera = sensor_and_camera(sensor, camera)

@@ -98,10 +98,8 @@ def read_frames(
     first, *others = (read_frame(path) for path in (background, *paths))
     for path, frame in zip(paths, others, strict=True):
         if frame.shape != first.shape:
-            raise T2TwinError(
-                f"{path.name} is {_size(frame)}, but the background is {_size(first)}; all must be "
-                "of one size"
-            )
+            sizes = f"is {_size(frame)}, but the background is {_size(first)}"
+            raise T2TwinError(f"{path.name} {sizes}; all must be of one size")
     upright = np.array([upright_frame(frame, camera) for frame in (first, *others)])
     return upright[0], upright[1:], [path.name for path in paths]
 
