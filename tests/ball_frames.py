@@ -28,7 +28,7 @@ def small_digit() -> GelCamera:
     """A DIGIT whose images have a quarter of the pixels."""
     own = gel_camera().spec
     camera = structs.replace(own.camera, rows=160, columns=120, scale_px_per_mm=9.6)
-    light = structs.replace(own.light, optics=None)
+    light = structs.replace(own.light, optics="none")
     assert own.units is not None
     units = structs.replace(own.units, scale_px_per_mm=(8.6, 10.6))
     return GelCamera(structs.replace(own, name="small", camera=camera, light=light, units=units))
