@@ -39,7 +39,7 @@ def sensor_of(turn_deg=0.0, colors=COLORS):
         structs.replace(plain, color=color, angle_deg=(90.0 * number + 20.0 + turn_deg) % 360.0)
         for number, color in enumerate(colors)
     )
-    light = structs.replace(own.light, leds=leds, optics=None)
+    light = structs.replace(own.light, leds=leds, optics="none")
     assert own.units is not None
     units = structs.replace(own.units, scale_px_per_mm=(5.6, 6.6))
     spec = structs.replace(own, name="small", gel=gel, camera=camera, light=light, units=units)
