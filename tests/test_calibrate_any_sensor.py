@@ -123,7 +123,7 @@ def test_the_next_presses_lie_in_the_free_part_of_the_gel(diameter_mm, gel_mm):
         sensor.camera, gel, pose, np.array([ball_mm])
     )
     half_x, half_y = min(half_mm[0], gel_mm / 2), half_mm[1]
-    assert covered == pytest.approx(np.pi * radius_mm**2 / (4 * half_x * half_y), rel=0.15)
+    assert covered == pytest.approx(np.pi * radius_mm**2 / (4 * half_x * half_y), rel=0.25)
     x_mm, y_mm = np.array(places).T
     assert (np.abs(x_mm) <= half_x - radius_mm + 0.02).all()
     assert (np.abs(y_mm) <= half_y - radius_mm + 0.02).all()
@@ -155,7 +155,7 @@ def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
     assert re.search(r"too small for the contact in press_0\d.png.* about 4.\d mm wide", said)
     assert "must be 240 wide, 320 high" in refused(folder, sensor="digit")
     assert "is a taxel array; expected a gel camera" in refused(folder, sensor="cyskin-20")
-    assert "from 1 to 16" in refused(folder, ball_mm=17.0, sensor=sensor)
+    assert "from 1 to 15.8" in refused(folder, ball_mm=17.0, sensor=sensor)
     dark = structs.replace(sensor.spec, units=None)
     with pytest.raises(T2TwinError, match=r"has no table \[units\]"):
         guess_light(folder / "background.png", sensor=GelCamera(dark))
