@@ -98,7 +98,7 @@ def quick_figures():
     are not moved apart, which takes as long as drawing them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("t2twin.report.dataset_report.PAIRS", 6)
-        patch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
+        patch.setattr("matplotlib.figure.Figure.set_layout_engine", lambda *_, **__: None)
         yield
 
 
