@@ -17,6 +17,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Float32, Float32MultiArray
 
 import t2twin
+from t2twin.core.frame_order import FrameOrder
 from t2twin.live.sources import LatestFrame, open_source
 
 QUEUE = 5  # messages that a topic keeps for slow subscribers
@@ -65,7 +66,7 @@ def main() -> None:
     rclpy.init()
     node = Translator()
     camera, turn_deg = (node.get_parameter(name).value for name in ("camera", "turn_deg"))
-    latest, last = LatestFrame(open_source(str(camera), int(turn_deg))), -1
+    latest, last = LatestFrame(open_source(str(camera), FrameOrder(turn_deg))), -1
     while rclpy.ok() and not (latest.ended and latest.take(last, 0.0) is None):
         frame = latest.take(last, timeout_s=0.1)
         if frame is not None:

@@ -6,6 +6,7 @@ from .calibration import calibrate as calibrate
 from .calibration import guess_light as guess_light
 from .core.errors import T2TwinError as T2TwinError
 from .core.errors import T2TwinWarning as T2TwinWarning
+from .core.frame_order import FrameOrder as FrameOrder
 from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report

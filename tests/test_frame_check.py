@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import torch
 from msgspec import structs
+from PIL import Image
 
 import t2twin
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.core.frame_order import FrameOrder
 from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.images import to_input
 from t2twin.translate.inference.load import load_run
@@ -42,6 +44,28 @@ def test_wrong_frames_are_what_their_class_says():
         found = alter(frame, rng)
         assert found.dtype == np.uint8 and found.shape[-1] == 3
         assert found.shape != frame.shape or (found != frame).any()
+
+
+@pytest.mark.parametrize("order", [
+    FrameOrder(bgr=True), FrameOrder(270, mirror=True), FrameOrder(mirror=True, bgr=True),
+], ids=str)  # fmt: skip
+def test_stored_frames_are_named_and_put_right(order: FrameOrder, tmp_path: Path) -> None:
+    touch = t2twin.press("hemisphere-4", force_n=4)
+    own = {"background": t2twin.Twin().background, "image": touch.image}
+    files = {name: tmp_path / f"{name}.png" for name in own}
+    for name, frame in own.items():
+        stored = frame[..., ::-1] if order.bgr else frame
+        stored = np.rot90(stored[:, ::-1] if order.mirror else stored, order.turn_deg // 90)
+        np.testing.assert_array_equal(order.upright(stored), frame)
+        Image.fromarray(np.ascontiguousarray(stored)).save(files[name])
+    given = {"background": files["background"], "png": False}
+    with pytest.warns(T2TwinWarning, match=f"stored in the order {order} "):
+        t2twin.translate_images([files["image"]], tmp_path / "wrong", **given)
+    counts = t2twin.translate_images([files["image"]], tmp_path / "right", **given, order=order)
+    expected = t2twin.load().predict(own["image"], own["background"])
+    np.testing.assert_allclose(
+        counts[0], expected, rtol=1e-4, atol=0.01
+    )  # of another order of sums
 
 
 def test_a_run_gets_a_check_that_its_predictions_use(

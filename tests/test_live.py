@@ -13,6 +13,7 @@ from waiting import wait_until
 
 import t2twin
 from t2twin.cli import main
+from t2twin.core.frame_order import FrameOrder
 from t2twin.live import sources
 from t2twin.live.follow import follow
 from t2twin.live.sources import Frame, LatestFrame, open_source
@@ -104,13 +105,17 @@ def test_a_video_s_frames_arrive_as_if_it_were_played(video, no_waiting):
 
 
 @pytest.mark.parametrize("turn_deg, corner", [(0, (0, 0)), (90, (0, -1)), (270, (-1, 0))])
-def test_frames_are_turned_upright(turn_deg, corner, tmp_path):
-    image = np.zeros((24, 32), np.uint8)
-    image[0, 0] = 255
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("bgr", [False, True])
+def test_frames_are_put_upright(turn_deg, corner, mirror, bgr, tmp_path):
+    image = np.zeros((24, 32, 3), np.uint8)
+    image[0, 0] = 3, 2, 1
     Image.fromarray(image).save(tmp_path / "a.png")
-    seen = following(open_source(str(tmp_path), turn_deg))
-    assert seen is not None and seen.image[corner] == 255
-    assert seen.image.shape == ((24, 32) if turn_deg == 0 else (32, 24))
+    seen = following(open_source(str(tmp_path), FrameOrder(turn_deg, mirror, bgr)))
+    assert seen is not None
+    upright = seen.image[:, ::-1] if mirror else seen.image
+    assert upright[corner].tolist() == ([1, 2, 3] if bgr else [3, 2, 1])
+    assert upright.shape == ((24, 32, 3) if turn_deg == 0 else (32, 24, 3))
 
 
 def test_colors_are_red_green_blue(tmp_path):

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import tyro
 
 from t2twin.core.errors import T2TwinError, counted
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 
 Split = Literal["val", "test", "both"]
 
@@ -165,14 +166,15 @@ class PredictionOptions:
             Default: the run's own.
         bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
             hundreds.
-        background: Background frame of the same sensor, in the orientation of the training images,
-            for a field run. Default: the mean background frame of its training.
+        background: Background frame of the same sensor, for a field run. Default: the mean
+            background frame of its training.
     """
 
     run: str = PRETRAINED
     layout: str | None = None
     bf16: bool = False
     background: Path | None = None
+    order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT
 
 
 def translate(
@@ -210,19 +212,22 @@ def translate(
         raise T2TwinError("--layout and --bf16 are for predictions of counts from images")
     if target == "contact":
         found = files.find_images(images)  # before more are written there
-        contacts = files.translate_contacts(options.run, found, out, options.background, png)
+        contacts = files.translate_contacts(
+            options.run, found, out, options.background, png, options.order
+        )
         lines = [f"{file}: {each.words}" for file, each in zip(found, contacts, strict=True)]
     elif is_to_counts:
         found = files.find_images(images)
         counts = files.translate_images(
-            found, out, options.run, options.layout, png, options.bf16, options.background
-        )
+            found, out, options.run, options.layout, png, options.bf16, options.background,
+            options.order,
+        )  # fmt: skip
         each = zip(found, np.rint(counts).astype(int), strict=True)
         lines = [f"{file}: {' '.join(map(str, row))}" for file, row in each]
     else:
         if options.background is not None:
             raise T2TwinError(f"--background is for field runs; {options.run} is {direction}")
-        readings = files.translate_readings(options.run, images, out, png)
+        readings = files.translate_readings(options.run, images, out, png, options.order)
         lines = [f"{counted(len(readings), 'reading')} translated"]
     print(*lines[:MAX_PRINTED], sep="\n")
     if len(lines) > MAX_PRINTED:
@@ -233,7 +238,6 @@ def translate(
 def live(
     source: tyro.conf.Positional[str],
     options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
-    turn_deg: Literal[0, 90, 180, 270] = 0,
     frames: int | None = None,
     zmq: str | None = None,
     rerun: Path | None = None,
@@ -245,18 +249,14 @@ def live(
 
     Args:
         source: Camera number, video file, or folder in which PNG or JPEG files appear.
-        turn_deg: Clockwise rotation of the frames, not of the background frame, into the
-            orientation of the training images.
         frames: Number of frames after which the command ends; unlimited unless given.
         zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
         rerun: Recording of the frames and predictions for the viewer of Rerun.
     """
-    import numpy as np
-
     from t2twin.core import arguments
     from t2twin.live.follow import follow, published, recorded
     from t2twin.live.sources import open_source
-    from t2twin.translate.data.images import open_image
+    from t2twin.translate.data.images import read_image
     from t2twin.translate.inference.load import load
 
     if frames is not None:
@@ -270,12 +270,13 @@ def live(
             outputs.append(stack.enter_context(recorded(rerun)))
         follow(
             loaded.need_counts("live"),
-            open_source(source, turn_deg, _report),
+            open_source(source, options.order, _report),
             lambda line: print(line, flush=True),
             _report,
             frames,
-            None if options.background is None else np.asarray(open_image(options.background)),
+            options.background and read_image(options.background, options.order),
             outputs,
+            options.order,
         )
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.machine import cores
 from t2twin.sim.press import Press
 
@@ -383,6 +384,7 @@ def studio(
     host: str = "127.0.0.1",
     port: int = 8080,
     background: Path | None = None,
+    order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT,
 ) -> None:
     """Press shapes and translate images in a browser, until Ctrl-C.
 
@@ -400,7 +402,7 @@ def studio(
         raise T2TwinError("the studio requires viser: `pip install 't2twin[studio]'`")
     from t2twin.studio.server import studio as serve
 
-    with serve(run, host, port, source, background) as served:
+    with serve(run, host, port, source, background, order) as served:
         if host not in ("localhost", "127.0.0.1", "::1"):
             print(
                 "t2twin: everyone who can reach this machine can open the page and use its "

@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.estimate import ContactEstimate
@@ -51,12 +52,14 @@ def follow(
     max_frames: int | None = None,
     background: np.ndarray | None = None,
     outputs: Sequence[Output] = (),
+    order: FrameOrder = UPRIGHT,
 ) -> Throughput:
     """Translates the latest frame repeatedly, until the source ends.
 
     write: receives one line of JSON per frame; docs/how-to/live.md lists its keys. report:
     receives messages for the user. max_frames: number of lines after which it ends. background:
     background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
+    order: of the source and the background frame, which are upright here; for messages.
     outputs: receive each frame, the values of its line, and the contact too.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
@@ -92,7 +95,10 @@ def follow(
                 throughput.latencies_ms.append(line["latency_ms"])
                 if not values["in_distribution"] and not warned:
                     warned = True
-                    report(str(unlike([values["ood_class"]], run.run_dir.name)))
+                    classes = [values["ood_class"]]
+                    report(str(unlike(classes, run.run_dir.name)))
+                    if stored := run.stored(classes, background, [frame.image], order):
+                        report(stored)
             state = throughput.translated, frame is None
             if not latest.ended and state != reported and time.perf_counter() >= report_due_s:
                 report_due_s, reported = time.perf_counter() + REPORT_EVERY_S, state

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import SUFFIXES
 
 DEFAULT_HZ = 60.0  # of a video without a valid frame rate (assumed: that of many cameras)
 MIN_HZ, MAX_HZ = 0.1, 1000.0  # of valid frame rates of a video (assumed)
-TURNS_DEG = (0, 90, 180, 270)  # clockwise rotations of frames
 # Limits FFmpeg to videos in local files: it also renders text and images as videos
 FFMPEG_OPTIONS = (
     "protocol_whitelist;file|format_whitelist;avi,mov,matroska,mpegts,mpeg,mpegvideo,h264,hevc,"
@@ -47,15 +47,15 @@ class Frame:
 Source = Iterator[Frame | None]
 
 
-def open_source(name: str, turn_deg: int = 0, report: Report = lambda message: None) -> Source:
+def open_source(
+    name: str, order: FrameOrder = UPRIGHT, report: Report = lambda message: None
+) -> Source:
     """Opens a camera (by its number), a folder or a video file.
 
-    turn_deg: clockwise rotation of the frames, one of TURNS_DEG. report: receives messages about
-    skipped frames and about an invalid frame rate or early end of a video.
+    order: of the stored frames. report: receives messages about skipped frames and about an invalid
+    frame rate or early end of a video.
     Raises T2TwinError for any other source, and if OpenCV is required but not installed.
     """
-    if turn_deg not in TURNS_DEG:
-        raise T2TwinError(f"frames cannot be rotated by {turn_deg}; expected one of {TURNS_DEG}")
     path = Path(name)
     if name.isascii() and name.isdigit():
         frames = _camera(int(name))
@@ -67,11 +67,7 @@ def open_source(name: str, turn_deg: int = 0, report: Report = lambda message: N
         raise T2TwinError(
             f"there is no source {name!r}; expected a camera number, a video file or a folder"
         )
-    turns = -turn_deg // 90
-    return (
-        each and replace(each, image=np.ascontiguousarray(np.rot90(each.image, turns)))
-        for each in frames
-    )
+    return (each and replace(each, image=order.upright(each.image)) for each in frames)
 
 
 def _opened(source: int | str) -> tuple[Any, Any]:

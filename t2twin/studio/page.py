@@ -16,7 +16,7 @@ from t2twin.studio import cards
 from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, Inputs
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
 from t2twin.studio.session import PressResult, PressState, Session, file_name
-from t2twin.studio.translators import NamedFrame, Shared, read_frame
+from t2twin.studio.translators import NamedFrame, Shared
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -234,7 +234,9 @@ class TranslateTab:
             "Predicts counts from an upright frame of the gel camera that a run was trained on."
         )
         self.upload = inputs.upload(
-            "Upload a frame", "PNG or JPEG of any size", lambda path: self._show(read_frame(path))
+            "Upload a frame",
+            "PNG or JPEG of any size",
+            lambda path: self._show(shared.read_frame(path)),
         )
         icons = viser.Icon
         inputs.button("Current image, with noise", icons.PHOTO, self._show_current, slow=True)
@@ -242,7 +244,7 @@ class TranslateTab:
         inputs.upload(
             "Upload a background frame",
             "Frame of the same sensor without contact",
-            lambda path: self._set_background(read_frame(path)),
+            lambda path: self._set_background(shared.read_frame(path)),
         )
         self._no_background = inputs.button(
             "Remove the background frame", icons.X, lambda: self._set_background(None), slow=True
@@ -252,7 +254,7 @@ class TranslateTab:
             slider = gui.add_slider(
                 "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
             )
-            show_file = lambda number: self._show(read_frame(files[number]))  # noqa: E731
+            show_file = lambda number: self._show(shared.read_frame(files[number]))  # noqa: E731
             inputs.connect(slider.on_update, show_file, slow=True)
         if shared.source is not None:
             live = gui.add_checkbox(

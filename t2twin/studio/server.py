@@ -19,6 +19,7 @@ import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.studio.translators import Shared
 
 if TYPE_CHECKING:
@@ -65,11 +66,11 @@ def studio(
     port: int = PORT,
     source: str | None = None,
     background: Path | None = None,
+    order: FrameOrder = UPRIGHT,
 ) -> Iterator[Studio]:
     """Serves the studio within the block.
 
-    runs, source, background: see `Shared`. Raises T2TwinError as `Shared`, and for an unusable host
-    and port.
+    Other arguments: see `Shared`. Raises T2TwinError as `Shared`, and for an unusable host or port.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:  # viser would take another port, and try an unusable host forever
@@ -77,7 +78,7 @@ def studio(
     except (OSError, OverflowError) as error:
         raise T2TwinError(f"cannot listen on {host}, port {port}: {error}") from error
     with temporary_folder(Path(tempfile.gettempdir()), f"t2twin-studio-{uuid4().hex}") as folder:
-        served = Studio(host, port, Shared(folder, runs, source, background))
+        served = Studio(host, port, Shared(folder, runs, source, background, order))
         Thread(target=import_module, args=("t2twin.studio.page",), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.live.sources import LatestFrame, open_source
 
 if TYPE_CHECKING:
@@ -195,30 +196,31 @@ NamedFrame = tuple[np.ndarray, str]
 """A frame, (h, w, 3) or (h, w) uint8, and its name."""
 
 
-def read_frame(path: Path) -> NamedFrame:
-    """Reads an image file. Raises T2TwinError if it is not an image."""
-    from t2twin.translate.data.images import open_image
-
-    return np.asarray(open_image(path)), path.name
-
-
 class Shared:
     """What all pages of a studio share.
 
     folder: of the clients' files. runs: folders of trained runs; if empty, runs in the folder
     `runs` are found. source: frames to translate, as for `t2twin live`. background: background
-    frame of the same sensor. Raises T2TwinError for an invalid run, source or image.
+    frame of the same sensor. order: of all stored frames. Raises T2TwinError for an invalid run,
+    source or image.
     """
 
     def __init__(
-        self, folder: Path, runs: Sequence[Path], source: str | None, background: Path | None
-    ) -> None:
-        self.folder, self.source = folder, source
-        self.background = None if background is None else read_frame(background)
-        self._frames = None if source is None else open_source(source)
+        self, folder: Path, runs: Sequence[Path], source: str | None, background: Path | None,
+        order: FrameOrder = UPRIGHT,
+    ) -> None:  # fmt: skip
+        self.folder, self.source, self._order = folder, source, order
+        self.background = None if background is None else self.read_frame(background)
+        self._frames = None if source is None else open_source(source, order)
         self._latest: LatestFrame | None = None
         self._translators = Translators(runs) if runs else None
         self._lock = Lock()
+
+    def read_frame(self, path: Path) -> NamedFrame:
+        """Reads an image file. Raises T2TwinError if it is not an image."""
+        from t2twin.translate.data.images import read_image
+
+        return read_image(path, self._order), path.name
 
     def translators(self) -> Translators:
         """The translators; imports torch."""
@@ -232,7 +234,7 @@ class Shared:
         with self._lock:
             if self._latest is None or self._latest.ended:
                 assert self.source is not None
-                self._latest = LatestFrame(self._frames or open_source(self.source))
+                self._latest = LatestFrame(self._frames or open_source(self.source, self._order))
                 self._frames = None
             return self._latest
 

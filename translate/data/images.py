@@ -13,6 +13,7 @@ from PIL import Image
 from t2twin.core.arguments import describe
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.optical.response import standard_normal
 
@@ -39,6 +40,11 @@ def open_image(path: Path) -> Image.Image:
     if image.mode.startswith("I"):  # 16 bits per pixel, which PIL would clip to 8 bits
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
+
+
+def read_image(path: Path, order: FrameOrder = UPRIGHT) -> np.ndarray:
+    """(h, w) or (h, w, 3) uint8: a stored frame, upright; errors as for `open_image`."""
+    return order.upright(np.asarray(open_image(path)))
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:

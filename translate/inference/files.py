@@ -12,6 +12,7 @@ import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,12 @@ from t2twin.core import arguments
 from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import read_file, result_folder, write_csv
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
-from t2twin.translate.data.images import open_image
+from t2twin.translate.data.images import read_image
 from t2twin.translate.inference.estimate import (
     ENDS,
     ContactEstimate,
@@ -88,11 +90,11 @@ def output_names(inputs: Sequence[Path]) -> list[str]:
 
 
 def _batches(
-    images: list[Path], pool: ThreadPoolExecutor
+    images: list[Path], pool: ThreadPoolExecutor, order: FrameOrder
 ) -> Iterator[tuple[slice, list[np.ndarray]]]:
     """The images in batches, with their places; the next batch is read ahead."""
     parts = [slice(n, n + BATCH_SIZE) for n in range(0, len(images), BATCH_SIZE)]
-    reads = (pool.map(_read, images[part]) for part in parts)
+    reads = (pool.map(read_image, images[part], repeat(order)) for part in parts)
     current = next(reads, iter(()))
     for part in Progress(parts, desc="translating", unit="batch", disable=len(parts) < 2):
         following = next(reads, iter(()))
@@ -100,14 +102,10 @@ def _batches(
         current = following
 
 
-def _read(path: Path) -> np.ndarray:
-    return np.asarray(open_image(path))
-
-
 def translate_images(
     paths: Sequence[str | Path], out_dir: str | Path, run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None, png: bool = True, bf16: bool = False,
-    background: str | Path | None = None,
+    background: str | Path | None = None, order: FrameOrder = UPRIGHT,
 ) -> np.ndarray:  # fmt: skip
     """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
 
@@ -115,7 +113,8 @@ def translate_images(
     fade to white with increasing uncertainty.
 
     paths: PNG or JPEG files, or folders of them (see `find_images`), of any size, grey, color or
-    16-bit; upright, rows along the sensor's length. PNG files have the names of their inputs; for
+    16-bit. order: how they and the background frame are stored; by default upright, rows along the
+    sensor's length. PNG files have the names of their inputs; for
     equal names the second is `press-2.png`. run: a folder that `train` wrote, or the name of a
     pretrained run. layout: name or file of a taxel layout that a touch2touch or field run is read
     at, by default its own. png: False writes no PNG files, which is faster. bf16: as for `load`.
@@ -128,17 +127,17 @@ def translate_images(
     folder that is not a run. It also does for a layout that the run cannot be read at, a background
     frame with another run, and a file that would replace an input or another's file.
     """
-    return translate_files(run, paths, out_dir, layout, png, bf16, background).counts
+    return translate_files(run, paths, out_dir, layout, png, bf16, background, order).counts
 
 
 def translate_files(
     run_dir: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
     layout: str | Path | None = None, png: bool = True, bf16: bool = False,
-    background: str | Path | None = None,
+    background: str | Path | None = None, order: FrameOrder = UPRIGHT,
 ) -> Estimate:  # fmt: skip
     """As `translate_images`; returns all that is predicted, without tactile images."""
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = None if background is None else _read(arguments.path(background, "background"))
+    frame = _background(background, order)
     names = output_names(images) if arguments.flag(png, "png") else []
     run = load_run(run_dir, layout, bf16)
     array, found, given = run.config.data.array, [], _paths(*images, background, layout)
@@ -146,7 +145,7 @@ def translate_files(
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,
     ):
-        for part, frames in _batches(images, pool):
+        for part, frames in _batches(images, pool, order):
             estimate = run.classified_estimate(frames, frame, tactile=png)
             if png:
                 stds = estimate.tactile_std
@@ -157,9 +156,14 @@ def translate_files(
         whole = concatenate(found)
         _write_tables(folder, run, images, names, whole, background)
     is_without = run.has_uncertainty and background is None
-    classes = unlike(whole.ood_class.tolist(), str(run_dir), images)
-    warn(NO_BACKGROUND if is_without else None, classes)
+    classes = whole.ood_class.tolist()
+    stored = run.stored(classes, frame, images, order)
+    warn(NO_BACKGROUND if is_without else None, unlike(classes, str(run_dir), images), stored)
     return whole
+
+
+def _background(path: str | Path | None, order: FrameOrder) -> np.ndarray | None:
+    return None if path is None else read_image(arguments.path(path, "background"), order)
 
 
 def _paths(*given: str | Path | None) -> list[Path]:
@@ -223,7 +227,7 @@ def ood_entry(ood_class: OODClass) -> dict[str, Any]:
 
 def translate_contacts(
     run: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
-    background: str | Path | None = None, files: bool = True,
+    background: str | Path | None = None, files: bool = True, order: FrameOrder = UPRIGHT,
 ) -> list[ContactEstimate]:  # fmt: skip
     """Translates image files to contacts; writes contacts.csv, and the files of each contact.
 
@@ -232,7 +236,7 @@ def translate_contacts(
     warns of their notes.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = None if background is None else _read(arguments.path(background, "background"))
+    frame = _background(background, order)
     predictor = load_run(run)
     found: list[ContactEstimate] = []
     names = [Path(name).stem for name in output_names(images)] if files else []
@@ -241,7 +245,7 @@ def translate_contacts(
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, ends, _paths(*images, background)) as folder,
     ):
-        for _, frames in _batches(images, pool):
+        for _, frames in _batches(images, pool, order):
             found += predictor.classified_estimate(frames, frame, contact=True).contact
         list(pool.map(ContactEstimate.write, found, [folder] * len(names), names))
         rows = []
@@ -253,14 +257,16 @@ def translate_contacts(
             rows.append([image, *cells, "; ".join(contact.notes)])
         columns = [*COLUMNS, *(name for names in VECTORS.values() for name in names)]
         write_csv(folder / CONTACTS_CSV, ["image", *columns, "notes"], rows)
-    warn(NO_BACKGROUND if background is None else None)
+    stored = predictor.stored([each.ood_class for each in found], frame, images, order)
+    warn(NO_BACKGROUND if background is None else None, stored)
     warn_of_contacts(found, images)
     return found
 
 
 def translate_readings(
-    run: str | Path, paths: Sequence[str | Path], out_dir: str | Path, png: bool = True
-) -> np.ndarray:
+    run: str | Path, paths: Sequence[str | Path], out_dir: str | Path, png: bool = True,
+    order: FrameOrder = UPRIGHT,
+) -> np.ndarray:  # fmt: skip
     """Translates files of any other pair; writes counts.csv, or a PNG file per predicted image.
 
     run: one that predicts images, or counts from counts. paths: CSV files with columns taxel_0,
@@ -280,7 +286,7 @@ def translate_readings(
         inputs = [path for path, each in zip(files, counts, strict=True) for _ in each]
     else:
         inputs = find_images(files)
-        readings = list(map(_read, inputs))
+        readings = [read_image(path, order) for path in inputs]
     names = output_names(inputs)
     with result_folder(out_dir, KIND, inputs=inputs) as folder:
         predicted = predictor.predict(readings)

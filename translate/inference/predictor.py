@@ -9,6 +9,7 @@ of the run, c channels.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -19,6 +20,7 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
+from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
@@ -32,6 +34,7 @@ from t2twin.translate.data.images import (
     check_pixels,
     image_list,
     one_image,
+    read_image,
     resized,
 )
 from t2twin.translate.data.pairs import Pictures, TactilePictures
@@ -63,6 +66,9 @@ FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contai
 # Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
 # 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
 SURE = 3.0
+# Difference of the logarithms of the odds from which another order of a frame is clearly more
+# likely (assumed; measured on 20 public units: at most 0 for the right order)
+CLEAR = 2.0
 # Share of the training's highest force above which a predicted one may be of any higher force:
 # `field` predicts 15 to 17 N for 20 N (assumed)
 NEAR_HIGHEST = 0.97
@@ -138,7 +144,7 @@ class TrainedTranslator:
             return self._outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
-        warn(unlike(classes, self.run_dir.name))
+        warn(unlike(classes, self.run_dir.name), self.stored(classes, background, frames))
         return outputs[self.config.data.target.value], is_one
 
     @cached_property
@@ -223,7 +229,9 @@ class TrainedTranslator:
         reliable.
         """
         found = self.classified_estimate(images, background, tactile, contact)
-        warn(unlike(np.atleast_1d(found.ood_class).tolist(), self.run_dir.name))
+        classes = np.atleast_1d(found.ood_class).tolist()
+        stored = self.stored(classes, background, image_list(images)[0])
+        warn(unlike(classes, self.run_dir.name), stored)
         return found
 
     def classified_estimate(
@@ -345,11 +353,60 @@ class TrainedTranslator:
         outside = (force_n > NEAR_HIGHEST * known[1]) | too_low
         touched = [has_frames and self._touched(frame.tobytes()) for frame in frames]
         for n, named in enumerate(found):
-            if named in VAGUE and touched[n]:
+            if named in VAGUE and has_frames and self._order(frames[n].tobytes()) != UPRIGHT:
+                found[n] = OODClass.OTHER_ORDER
+            elif named in VAGUE and touched[n]:
                 found[n] = OODClass.TOUCHED_BACKGROUND
             elif named in VAGUE and outside[n]:
                 found[n] = OODClass.FORCE
         return found
+
+    def stored(
+        self, classes: Sequence[OODClass], background: np.ndarray | None,
+        images: Sequence[np.ndarray | Path], order: FrameOrder = UPRIGHT,
+    ) -> str | None:  # fmt: skip
+        """The warning for images that are probably stored in another order; None if they are not.
+
+        classes, images: all of one unit, as arrays or as files, which are read in an order.
+        """
+        wrong = [n for n, each in enumerate(classes) if each != INSIDE]
+        frame = images[wrong[0]] if background is None and wrong else background
+        if isinstance(frame, Path):
+            frame = read_image(frame, order)
+        found = UPRIGHT if frame is None else self.order_of(frame)
+        if found == UPRIGHT:
+            return None
+        if order != UPRIGHT:
+            return f"the frames are probably not stored in the order {order}"
+        return (
+            f"the frames are probably stored in the order {found} (options of commands; "
+            "FrameOrder of functions)"
+        )
+
+    def order_of(self, frame: np.ndarray) -> FrameOrder:
+        """How a frame is probably stored, (h, w) or (h, w, 3) uint8; best a background frame.
+
+        In this order it is clearly most like the upright frames of the training, to the frame
+        check. UPRIGHT if none is, and of a run without a frame check.
+        """
+        return self._order(resized([frame], self.config.preset.size, False).tobytes())
+
+    @cached_property
+    def _order(self) -> Callable[[bytes], FrameOrder]:
+        """As `order_of`, of (S, S, 3) uint8. A frame that returns is compared once."""
+        check, size = self._frame_check, self.config.preset.size
+        orders = [FrameOrder(*each) for each in product(TURNS_DEG, (False, True), (False, True))]
+
+        @lru_cache(MAX_BACKGROUNDS)
+        def order(content: bytes) -> FrameOrder:
+            frame = np.frombuffer(content, np.uint8).reshape(size, size, COLORS)
+            if check is None:
+                return UPRIGHT
+            odds = check.transform_odds(np.stack([each.upright(frame) for each in orders]))
+            is_clear = odds[0] - odds.min() > CLEAR  # the first is UPRIGHT
+            return orders[int(odds.argmin())] if is_clear else UPRIGHT
+
+        return order
 
     def shows_contact(self, images: Images) -> list[bool]:
         """(B,) whether frames show a contact, as a background frame must not.

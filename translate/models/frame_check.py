@@ -107,6 +107,13 @@ class FrameCheck(nn.Module):
                     found.append(other if replaces else kind)
         return found
 
+    def transform_odds(self, images: np.ndarray) -> np.ndarray:
+        """(B,) logarithms of the odds that images, (B, S, S, 3) uint8, are transformed, by the
+        second network."""
+        self.eval()
+        with torch.inference_mode():
+            return scores(self.transforms(to_input(images / np.float32(255.0)))).numpy()
+
     def _named(self, logits: torch.Tensor, which: int) -> list[OODClass]:
         """(B,) classes by one network and its limit."""
         wrong, kinds = scores(logits) > self.limits[which], 1 + logits[:, 1:].argmax(dim=1)

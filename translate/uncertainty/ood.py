@@ -72,6 +72,7 @@ class OODClass(StrEnum):
     BLUE_FIRST = "with blue before red"
     UNLIKE_BACKGROUND = "of another sensor than its background frame"
     SHIFTED = "shifted against its background frame, in whole or in half"
+    OTHER_ORDER = "stored in another order of pixels or colors"
     TOUCHED_BACKGROUND = "with a background frame that shows a contact"
     NOISE = NOISE
     OTHER_ASPECT = "of another aspect ratio"
