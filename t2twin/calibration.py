@@ -18,14 +18,15 @@ def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
     """The function, which first warns of a contact in its background frame."""
 
     @wraps(fit)
-    def warned(*given: P.args, **options: P.kwargs) -> Result:
-        bound = inspect.signature(fit).bind(*given, **options)
+    def warned(*values: P.args, **options: P.kwargs) -> Result:
+        bound = inspect.signature(fit).bind(*values, **options)
         bound.apply_defaults()
-        background, *own = (bound.arguments[name] for name in ("background", "sensor", "camera"))
-        sensor, camera = fits.sensor_and_camera(*own)
-        frame = upright_frame(read_frame(background), camera)
+        given = bound.arguments
+        sensor, camera = fits.sensor_and_camera(given["sensor"], given["camera"])
+        background = given["background"]
+        frame = upright_frame(read_frame(background, given["order"]), camera)
         warn(*contact_warnings(frame, str(background), sensor.name))
-        return fit(*given, **options)
+        return fit(*values, **options)
 
     return warned
 

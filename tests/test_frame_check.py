@@ -63,9 +63,7 @@ def test_stored_frames_are_named_and_put_right(order: FrameOrder, tmp_path: Path
         t2twin.translate_images([files["image"]], tmp_path / "wrong", **given)
     counts = t2twin.translate_images([files["image"]], tmp_path / "right", **given, order=order)
     expected = t2twin.load().predict(own["image"], own["background"])
-    np.testing.assert_allclose(
-        counts[0], expected, rtol=1e-4, atol=0.01
-    )
+    np.testing.assert_allclose(counts[0], expected, rtol=1e-4, atol=0.01)
 
 
 def test_a_run_gets_a_check_that_its_predictions_use(

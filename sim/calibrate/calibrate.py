@@ -25,6 +25,7 @@ from msgspec import Meta, structs
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning, counted
 from t2twin.core.files import atomic_write, write_json
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import is_colored
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
@@ -380,9 +381,10 @@ def read_presses(
     sensor: GelCamera,
     camera: Camera,
     tolerance: Tolerance | None,
+    order: FrameOrder = UPRIGHT,
 ) -> tuple[Presses, list[int], list[int]]:
     """The presses of `calibrate`, and the indices of those to fit to and of those held out."""
-    background_frame, frames, names = images.read_frames(background, presses, camera)
+    background_frame, frames, names = images.read_frames(background, presses, camera, order)
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
         images.check_usable(frame, name, colored)
@@ -594,6 +596,7 @@ def calibrate(
     report: Callable[[str], object] = lambda line: None,
     tolerance: Tolerance | None = DEFAULT_TOLERANCE,
     sensor: str | Path | GelCamera = SOURCE,
+    order: FrameOrder = UPRIGHT,
 ) -> OpticsReport:
     """Fit the presses, score on the last held_out of them by name, then fit all of them.
 
@@ -602,7 +605,7 @@ def calibrate(
     distance; None for those of the sensor; measured displacements replace the scale. report: called
     with progress messages. tolerance: of the inputs; None skips the uncertainty, which takes most
     of the time, and the gel's modulus. sensor: a gel camera, by name or file; its record has the
-    images' size, the gel, the camera, and the LEDs from which the fit starts.
+    images' size, the gel, the camera, and the LEDs from which the fit starts. order: of all frames.
     Frames that equal an earlier one are excluded, printed markers are filled in, and the frames of
     one place are all fitted or all held out. Warns with T2TwinWarning of what limits the result.
     Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
@@ -615,7 +618,7 @@ def calibrate(
     arguments.function(report, "report")
     given, train, test = read_presses(
         arguments.path(background, "background"), arguments.path(presses, "presses"),
-        ball_diameter_mm, held_out, own, camera, tolerance,
+        ball_diameter_mm, held_out, own, camera, tolerance, order,
     )  # fmt: skip
     report(f"fitting to {len(train)} presses")
     training = cleaned(given, train)
@@ -643,19 +646,19 @@ def guess_light(
     camera: Camera | None = None,
     report: Callable[[str], object] = lambda line: None,
     sensor: str | Path | GelCamera = SOURCE,
+    order: FrameOrder = UPRIGHT,
 ) -> Optics:
     """An optics file with the user's background and the mean light of sampled units.
 
     background: a background frame, in the size of the sensor's images, PNG or JPEG, whose noise is
     kept. camera: scale and distance, which a frame does not determine; None for those of the
-    sensor. report, sensor: as for `calibrate`. Printed markers are filled in, with a T2TwinWarning.
+    sensor. Others: as for `calibrate`. Printed markers are filled in, with a T2TwinWarning.
     Raises T2TwinError for an invalid frame, and for a sensor whose units cannot be sampled.
     """
     own, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
-    frame = images.upright_frame(
-        images.read_frame(arguments.path(background, "background")), camera
-    )
+    frame = images.read_frame(arguments.path(background, "background"), order)
+    frame = images.upright_frame(frame, camera)
     images.check_usable(frame, str(background), is_colored(own.background_frame()))
     (frame,), is_marked = images.without_markers([frame], camera)
     if is_marked:

@@ -18,6 +18,7 @@ from skimage.metrics import structural_similarity
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import COLORLESS, MAX_FILE_BYTES, NOISE, decode_image, fault_of, is_noise
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera
@@ -68,8 +69,9 @@ class Score:
         return f"{self.psnr_db:.1f} dB, SSIM {self.ssim:.3f}"
 
 
-def read_frame(path: Path) -> np.ndarray:
-    """(rows, columns, 3) uint8. Raises T2TwinError for a file that is not an image of 8 bits."""
+def read_frame(path: Path, order: FrameOrder = UPRIGHT) -> np.ndarray:
+    """(rows, columns, 3) uint8, of a stored frame. Raises T2TwinError for a file that is not an
+    image of 8 bits."""
     content = read_file(path, MAX_FILE_BYTES)
     try:
         image = decode_image(content, FORMATS)
@@ -79,11 +81,11 @@ def read_frame(path: Path) -> np.ndarray:
         ) from error
     if image.mode[0] in "IF":
         raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
-    return np.array(image.convert("RGB"))
+    return order.upright(np.array(image.convert("RGB")))
 
 
 def read_frames(
-    background: Path, folder: Path, camera: Camera
+    background: Path, folder: Path, camera: Camera, order: FrameOrder = UPRIGHT
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """The background, the presses sorted by name, without the background, upright, and names."""
     if not folder.is_dir():
@@ -95,7 +97,7 @@ def read_frames(
     )
     if not paths:
         raise T2TwinError(f"{folder} contains no images; {', '.join(FORMATS)} files are read")
-    first, *others = (read_frame(path) for path in (background, *paths))
+    first, *others = (read_frame(path, order) for path in (background, *paths))
     for path, frame in zip(paths, others, strict=True):
         if frame.shape != first.shape:
             sizes = f"is {_size(frame)}, but the background is {_size(first)}"

@@ -21,6 +21,7 @@ from t2twin.adaptation import real_frame_evaluation as check
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.records import read_json
 from t2twin.core.templates import render
 from t2twin.sim.calibrate.calibrate import (
@@ -95,6 +96,7 @@ class AdaptConfig:
     tolerance: Tolerance
     source: str  # the sensor as given
     sensor: GelCamera
+    order: FrameOrder
 
     def __post_init__(self) -> None:
         find_preset(self.model, "cpu")
@@ -138,6 +140,7 @@ def adapt(
     report: Callable[[str], object] = print,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
     sensor: str | Path = SOURCE,
+    order: FrameOrder = UPRIGHT,
 ) -> check.AdaptationResult:
     """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
@@ -146,7 +149,7 @@ def adapt(
     trained one, a field run with weights averaged with those of init_from, or a copy of init_from
     if that is more accurate on the held-out presses.
 
-    background, presses, ball_diameter_mm, held_out, camera, tolerance, sensor: as for `calibrate`.
+    Arguments that `calibrate` has: as for it.
     minutes: approximate duration of all steps on two cores, 1 to 6000. model: trained with the
     preset cpu; a field run changes little from its initial run. init_from: run that initializes
     the training; by default the pretrained run of the model for images of the sensor's size, if
@@ -159,11 +162,12 @@ def adapt(
         arguments.path(background, "background"), arguments.path(presses, "presses"),
         ball_diameter_mm, arguments.path(out, "out"), held_out, minutes, camera, model,
         _initial_run(init_from, model, gel_camera), workers,
-        arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
+        arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera, order,
     )  # fmt: skip
     given, *_ = read_presses(
-        config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
-    )
+        config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera,
+        tolerance, order,
+    )  # fmt: skip
     out, digest = config.out, config.digest(given)
     fitted = _existing_fit(out, digest, given)
     for warning in contact_warnings(given.background, str(config.background), config.source):
@@ -311,7 +315,7 @@ def _existing_fit(out: Path, digest: str, presses: Presses) -> OpticsRecord | No
 def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> OpticsRecord:
     optics = calibrate(
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
-        report, config.tolerance, config.sensor,
+        report, config.tolerance, config.sensor, config.order,
     )  # fmt: skip
     for sentence in coverage_sentences(optics.covered, optics.next_mm):
         report(sentence)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from msgspec import structs
 
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class FitOptions:
     depth_tolerance_mm: float = 0.03
     force_tolerance_n: float = 0.05
     young_tolerance_mpa: float | None = None
+    order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT
 
     @property
     def tolerance(self) -> "Tolerance":
@@ -98,13 +100,13 @@ def calibrate(
     frames = [] if presses is None else list(presses.glob("*"))
     with result_folder(out, "calibration", names, frames) as folder:
         if presses is None or ball_diameter_mm is None:
-            guess_light(background, camera, print, sensor).save(folder / "optics.npz")
+            guess_light(background, camera, print, sensor, fit.order).save(folder / "optics.npz")
             print(f"written to {out}: optics.npz, for press and simdata as --optics. It has your")
             print("background and the mean light of sampled units; a fit needs presses of a ball")
             return
         report = calibrate_optics(
             background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance,
-            sensor,
+            sensor, fit.order,
         )  # fmt: skip
         _write(report, folder, sensor)
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
@@ -188,6 +190,7 @@ def adapt(
     result = run_adaptation(
         fit.background, presses, ball_diameter_mm, out, fit.held_out, minutes,
         fit.camera, model, init_from, workers, tolerance=fit.tolerance, sensor=fit.sensor,
+        order=fit.order,
     )  # fmt: skip
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     spent = ", ".join(f"{name} {each:.1f}" for name, each in result.minutes.items())
