@@ -388,11 +388,12 @@ class BallFit:
                 state.terms.entries,
             )
             errors = [press.error(state.response, np.arange(entries)) for press in sums]
+            worst = self._presses.names[int(np.argmax(errors))]
             raise T2TwinError(
                 f"the light of {self._start.count} LEDs leaves {100 * left:.0f} % of the presses' "
                 f"change of the background unexplained, more than {100 * MAX_UNEXPLAINED:.0f} %, "
-                f"most in {self._presses.names[np.argmax(errors)]}; use frames of one ball of the "
-                "given diameter, pressed into the sensor of the background"
+                f"most in {worst}; use frames of one ball of the given diameter, pressed into the "
+                "sensor of the background"
             )
         return state
 

@@ -148,7 +148,8 @@ def without_markers(frames: Sequence[np.ndarray], camera: Camera) -> tuple[np.nd
         ink = ((smooth + DARK_GREY) / (around + DARK_GREY)).max(axis=-1) < INK
         if not filled and ink.mean() < MIN_INK:
             return np.array(frames), False
-        clear = ~maximum_filter(ink, 2 * max(round(FILL_MM * scale / 3), 1) + 1)[..., None]
+        wide = maximum_filter(ink, 2 * max(round(FILL_MM * scale / 3), 1) + 1)
+        clear = np.logical_not(wide)[..., None]
         near = _light(clear, FILL_MM * scale)
         light = _light(np.where(clear, frame, 0), FILL_MM * scale) / np.maximum(near, MIN_WEIGHT)
         filled.append(np.where(clear, frame, np.rint(light)).astype(np.uint8))

@@ -45,15 +45,10 @@ class Throughput:
 
 
 def follow(
-    run: TrainedTranslator,
-    source: Source,
-    write: Callable[[str], None],
-    report: Report,
-    max_frames: int | None = None,
-    background: np.ndarray | None = None,
-    outputs: Sequence[Output] = (),
-    order: FrameOrder = UPRIGHT,
-) -> Throughput:
+    run: TrainedTranslator, source: Source, write: Callable[[str], None], report: Report,
+    max_frames: int | None = None, background: np.ndarray | None = None,
+    outputs: Sequence[Output] = (), order: FrameOrder = UPRIGHT,
+) -> Throughput:  # fmt: skip
     """Translates the latest frame repeatedly, until the source ends.
 
     write: receives one line of JSON per frame; docs/how-to/live.md lists its keys. report:
@@ -96,9 +91,9 @@ def follow(
                 if not values["in_distribution"] and not warned:
                     warned = True
                     classes = [values["ood_class"]]
-                    report(str(unlike(classes, run.run_dir.name)))
-                    if stored := run.stored(classes, background, [frame.image], order):
-                        report(stored)
+                    stored = run.stored(classes, background, [frame.image], order)
+                    for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
+                        report(said)
             state = throughput.translated, frame is None
             if not latest.ended and state != reported and time.perf_counter() >= report_due_s:
                 report_due_s, reported = time.perf_counter() + REPORT_EVERY_S, state
