@@ -374,15 +374,9 @@ class OpticsReport(OpticsRecord):
 
 
 def read_presses(
-    background: Path,
-    presses: Path,
-    ball_diameter_mm: float,
-    held_out: int | None,
-    sensor: GelCamera,
-    camera: Camera,
-    tolerance: Tolerance | None,
-    order: FrameOrder = UPRIGHT,
-) -> tuple[Presses, list[int], list[int]]:
+    background: Path, presses: Path, ball_diameter_mm: float, held_out: int | None,
+    sensor: GelCamera, camera: Camera, tolerance: Tolerance | None, order: FrameOrder = UPRIGHT,
+) -> tuple[Presses, list[int], list[int]]:  # fmt: skip
     """The presses of `calibrate`, and the indices of those to fit to and of those held out."""
     background_frame, frames, names = images.read_frames(background, presses, camera, order)
     colored = is_colored(sensor.background_frame())
@@ -588,16 +582,12 @@ def mean_light(units: Sequence[Optics]) -> Optics:
 
 
 def calibrate(
-    background: str | Path,
-    presses: str | Path,
-    ball_diameter_mm: float,
-    held_out: int | None = None,
-    camera: Camera | None = None,
+    background: str | Path, presses: str | Path, ball_diameter_mm: float,
+    held_out: int | None = None, camera: Camera | None = None,
     report: Callable[[str], object] = lambda line: None,
-    tolerance: Tolerance | None = DEFAULT_TOLERANCE,
-    sensor: str | Path | GelCamera = SOURCE,
+    tolerance: Tolerance | None = DEFAULT_TOLERANCE, sensor: str | Path | GelCamera = SOURCE,
     order: FrameOrder = UPRIGHT,
-) -> OpticsReport:
+) -> OpticsReport:  # fmt: skip
     """Fit the presses, score on the last held_out of them by name, then fit all of them.
 
     background: a background frame. presses: folder of frames of a ball, in the size of the sensor's
@@ -642,12 +632,10 @@ def calibrate(
 
 
 def guess_light(
-    background: str | Path,
-    camera: Camera | None = None,
-    report: Callable[[str], object] = lambda line: None,
-    sensor: str | Path | GelCamera = SOURCE,
+    background: str | Path, camera: Camera | None = None,
+    report: Callable[[str], object] = lambda line: None, sensor: str | Path | GelCamera = SOURCE,
     order: FrameOrder = UPRIGHT,
-) -> Optics:
+) -> Optics:  # fmt: skip
     """An optics file with the user's background and the mean light of sampled units.
 
     background: a background frame, in the size of the sensor's images, PNG or JPEG, whose noise is
