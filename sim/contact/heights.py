@@ -170,7 +170,7 @@ class Footprint:
         """The footprint on cells of per_side x per_side of these."""
         if per_side == 1:
             return self
-        found = np.empty((3, *(size // per_side for size in self.shares.shape)))
+        found: Any = np.empty((3, *(size // per_side for size in self.shares.shape)))
         _coarsen(self.heights_mm, self.shares, self.peaks_mm, per_side, *found)
         return Footprint(*found)
 

@@ -268,7 +268,7 @@ def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
 
 def smoothed(surface: np.ndarray) -> np.ndarray:
     """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
-    across, out = np.zeros((2, *surface.shape), np.float32)
+    across, out = np.zeros(surface.shape, np.float32), np.zeros(surface.shape, np.float32)
     _smooth(surface, np.empty(surface.shape[1] + COATING_TAPS.size - 1, np.float32), across, out)
     return out
 

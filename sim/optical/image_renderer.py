@@ -221,7 +221,8 @@ class ImageRenderer(Keeper):
             rows, columns = background.shape[:2]
             frame = self.optics.noise.sample(rng, rows, columns).reshape(rows, -1)
             sigma = np.float32(noise_grey / self.noise_grey)
-        rows, pairs = len(out), (2, 3 * (out.shape[1] + out.shape[1] % 2))
+        rows, width = background.shape[:2]
+        pairs = 2, 3 * (width + width % 2)
         lines = np.empty((3, change.shape[2]), np.float32), np.empty(pairs, np.float32)
         response.encode(
             change, background.reshape(rows, -1), self._light, self._table, pixels, shade,
