@@ -227,12 +227,13 @@ def step_towards(q, gradient, limit, length, bodies, direction):
 def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
     """See `solve_traction`; writes q and the displacement, returns the residual."""
     has_bodies = bodies[3].shape[0] > 0
+    is_known = q.size == 0  # no; a constant would compile respond once more
     direction, moved = np.zeros_like(q), np.empty_like(q)
     gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
     # The first step is the projection of the initial guess.
     step_towards(q, gradient, limit, 1.0, bodies, direction)
     _add(q, direction, 1.0)
-    respond(q, kernels, work, False, displacement)
+    respond(q, kernels, work, is_known, displacement)
     scale = 1e-9
     for k in range(2):
         for i in range(limit.shape[0]):
@@ -252,7 +253,7 @@ def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displa
         if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and has_bodies):
             break
         steps += 1
-        respond(direction, kernels, work, False, moved)
+        respond(direction, kernels, work, is_known, moved)
         curvature = _dot(direction, moved)
         # The energy is quadratic, so the best fraction of the step is known.
         fraction = 1.0

@@ -85,6 +85,7 @@ def raise_to_shape(
     apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
     the shape is sampled, and the mask's row (y,) and column (x,) of each point.
     """
+    x_mm, y_mm = np.array(x_mm), np.array(y_mm)  # read-only ones would compile the loops once more
     shifts = shifts_on(shift, x_mm, y_mm)
     work = np.empty((2, x_mm.size)), np.empty(x_mm.size, int), np.empty(x_mm.size, np.float32)
     of_shape = lookup(shape_surface, command)
@@ -141,7 +142,7 @@ def _raise(
 ):  # fmt: skip
     columns, rows = places[0], places[1]
     for i in range(y_mm.size):
-        wanted, count = near[near_rows[i]], 0
+        wanted, count = near[near_rows[i]], np.int64(0)  # 0 would compile heights_along once more
         for j in range(x_mm.size):
             chosen[count] = j
             count += wanted[near_columns[j]]
