@@ -311,8 +311,8 @@ def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray
 
 
 def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
-    """Modulus in parts of the sensor's, by least squares over forces (n,), measured (NaN where not)
-    and the twin's: at a given depth they are proportional to it, as stiffening is by strain."""
+    """Modulus in parts of the sensor's, by least squares over forces (n,), measured or NaN and the
+    twin's. At a given depth they are proportional to it, as stiffening is by strain."""
     both = np.isfinite(measured_n) & np.isfinite(own_n)
     if not both.any():
         raise T2TwinError("no press with a measured force can be pressed that deep in the twin")

@@ -1,15 +1,15 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
-The pose (x_mm, y_mm, depth_mm) of each press, the geometry that all share (LEDs, and the gel's
-profile around a ball) and the linear response of each LED in each color are fitted jointly to the
-grey levels around the contacts by the method of Levenberg and Marquardt (1963). The response is
+The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the LEDs and the gel's profile
+around a ball, and the linear response of each LED in each color. They are fitted jointly to the
+grey levels around the contacts, by the method of Levenberg and Marquardt (1963). The response is
 found after each step by ridge regression. Its entries are (LED, place, power): polynomials of the
 place times powers of the cosine of incidence, which select_terms selects between two fits.
 
-LEDs that the frames show are found by photometric stereo on the balls: on a ring of LEDs, those are
+LEDs that the frames show are found by photometric stereo on the balls. On a ring of LEDs, those are
 chosen whose Lambertian light explains the change of the background best. A lobe can replace a tenth
-of the depths (measured on a real unit), so these are fitted without it. A sample is a block of 2 x
-2 pixels.
+of the depths (measured on a real unit), so these are fitted without it. A sample is a block of
+2 x 2 pixels.
 """
 
 from collections.abc import Sequence

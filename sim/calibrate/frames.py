@@ -313,8 +313,8 @@ def cut_and_paste(
 def coverage_of(
     camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
 ) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
-    """Radii (n,) of contacts, the share of the gel in view that they cover, and places, mm, of
-    presses that would cover the rest, with the median radius, all in view; the best first."""
+    """Radii (n,) of contacts, the share of the gel in view that they cover, and places, mm.
+    Presses there, of the median radius and all in view, would cover the rest; the best first."""
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
     next_mm = float(np.median(contacts_mm))
