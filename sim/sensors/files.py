@@ -1,8 +1,8 @@
 """Reads sensor files, TOML: bundled ones by name, a user's own by path.
 
 `extends` names another sensor, whose values hold where the file has none. Its ranges of units move
-with the camera's values. Optics state the values that they were fitted with. Those with the name of a
-bundled sensor state its values; the file of one unit has its camera, noise and modulus. A sensor
+with the camera's values. Optics state the values that they were fitted with. Those with the name of
+a bundled sensor state its values; the file of one unit has its camera, noise and modulus. A sensor
 file beside them states the same values or none, and has no other light.
 """
 
