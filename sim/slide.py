@@ -103,13 +103,9 @@ def path_commands(
 
 
 def touches_along(
-    sensors: SensorPair,
-    shape: Shape,
-    commands: Sequence[PressCommand],
-    friction: Friction | None,
-    rng: np.random.Generator | None,
-    only: str | None = None,
-) -> Iterator[Touch]:
+    sensors: SensorPair, shape: Shape, commands: Sequence[PressCommand], friction: Friction | None,
+    rng: np.random.Generator | None, only: str | None = None,
+) -> Iterator[Touch]:  # fmt: skip
     """The touches of a path, one for each command; rng, only: as for `SensorPair.press`.
 
     Raises T2TwinError as `solve_contact`, before the first slide if a row leaves a pad.

@@ -374,12 +374,9 @@ def coverage_sentences(covered: float, next_mm: Sequence[tuple[float, float]]) -
 
 
 def coverage_picture(
-    optics: Optics,
-    gel: Elastomer,
-    poses: np.ndarray,
-    radii_mm: np.ndarray,
+    optics: Optics, gel: Elastomer, poses: np.ndarray, radii_mm: np.ndarray,
     next_mm: Sequence[tuple[float, float]],
-) -> Image.Image:
+) -> Image.Image:  # fmt: skip
     """The background with the contacts, the uncovered part shaded, and the next presses."""
     background, camera = optics.background, optics.camera
     places, _ = _places(camera, gel, 1)

@@ -67,12 +67,9 @@ CLEAR_MM = 0.02
 
 
 def solve_contact(
-    shape: Shape,
-    command: PressCommand,
-    elastomer: Elastomer,
-    pitch_mm: float,
+    shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float,
     shift: SurfaceShift | None = None,
-) -> Contact:
+) -> Contact:  # fmt: skip
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
     shift: of the surface by shear. Safe to call from several threads.

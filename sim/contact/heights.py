@@ -26,12 +26,9 @@ NO_SHIFT = np.zeros((3, 1, 1))  # shift that the compiled loops do not read
 
 
 def heights_at(
-    surface: HeightMap,
-    command: PressCommand,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray,
     shift: SurfaceShift | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear."""
     heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
     everywhere = np.ones((1, 1), bool), np.zeros(y_mm.size, int), np.zeros(x_mm.size, int)

@@ -270,12 +270,9 @@ class PinLayout:
     """
 
     def __init__(
-        self,
-        surveys: Sequence[Survey],
-        expected: Sequence[tuple[np.ndarray, float]],
-        before: "PinLayout | None" = None,
-        at_least: Sequence[np.ndarray] | None = None,
-    ) -> None:
+        self, surveys: Sequence[Survey], expected: Sequence[tuple[np.ndarray, float]],
+        before: "PinLayout | None" = None, at_least: Sequence[np.ndarray] | None = None,
+    ) -> None:  # fmt: skip
         self.surveys = surveys
         # The survey's cells that have pins of each body, and the window that contains them.
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]

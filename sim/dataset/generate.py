@@ -105,16 +105,11 @@ class RunTiming:
 
 
 def make_dataset(
-    folder: str | Path,
-    scale: str | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    sensors: SensorPair | None = None,
-    cache: str | Path | None = None,
-    shapes: tuple[str, ...] = catalogue.NAMES,
-    scheduler: str | None = None,
+    folder: str | Path, scale: str | None = None, seed: int | None = None,
+    workers: int | None = None, sensors: SensorPair | None = None, cache: str | Path | None = None,
+    shapes: tuple[str, ...] = catalogue.NAMES, scheduler: str | None = None,
     recipe: str | Path | Recipe | None = None,
-) -> DatasetInfo:
+) -> DatasetInfo:  # fmt: skip
     """Make a dataset, or continue one that was started with the same parameters; returns its info.
 
     scale: of the protocol, pressed into `sensors`. recipe: instead of a scale, a recipe, its name
@@ -282,12 +277,9 @@ def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _make_dataset(
-    context: ShardContext,
-    batches: list[Batch],
-    wanted: DatasetInfo,
-    workers: int,
+    context: ShardContext, batches: list[Batch], wanted: DatasetInfo, workers: int,
     scheduler: str | None,
-) -> DatasetInfo:
+) -> DatasetInfo:  # fmt: skip
     """Make the missing shards; returns the info of the complete dataset."""
     folder = Path(context.folder)
     is_new = not (folder / INFO).exists()

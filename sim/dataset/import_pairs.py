@@ -72,13 +72,9 @@ class Pair(Struct):
 
 
 def import_pairs(
-    source: str | Path,
-    folder: str | Path,
-    layout: Layout,
-    full_scale: int | None = None,
-    seed: int = 0,
-    sensors: SensorPair | None = None,
-) -> DatasetInfo:
+    source: str | Path, folder: str | Path, layout: Layout, full_scale: int | None = None,
+    seed: int = 0, sensors: SensorPair | None = None,
+) -> DatasetInfo:  # fmt: skip
     """Write a user's pairs as a dataset, atomically; returns its info.
 
     source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
@@ -168,13 +164,9 @@ def _sample_splits(pairs: list[Pair], seed: int) -> None:
 
 
 def _write(
-    pairs: list[Pair],
-    images: Path,
-    folder: Path,
-    layout: Layout,
-    full_scale: int,
+    pairs: list[Pair], images: Path, folder: Path, layout: Layout, full_scale: int,
     sensors: SensorPair,
-) -> DatasetInfo:
+) -> DatasetInfo:  # fmt: skip
     by_shard: dict[str, list[Pair]] = {}
     for pair in sorted(pairs, key=lambda pair: (str(pair.split), str(pair.shape))):
         own = by_shard.setdefault(shard_path(str(pair.split), str(pair.shape)), [])

@@ -151,14 +151,9 @@ def _tables(
 
 
 def _write_frames(
-    out: Path,
-    file: int,
-    table: pa.Table,
-    features: list["Feature"],
-    before: tuple[int, int],
-    tasks: dict[str, int],
-    totals: dict[str, list[np.ndarray]],
-) -> list[dict[str, Any]]:
+    out: Path, file: int, table: pa.Table, features: list["Feature"], before: tuple[int, int],
+    tasks: dict[str, int], totals: dict[str, list[np.ndarray]],
+) -> list[dict[str, Any]]:  # fmt: skip
     """Write the frames of a shard; returns the rows of its episodes.
 
     before: numbers of the episodes and of the frames in earlier shards. tasks, totals: extended.

@@ -242,12 +242,9 @@ def rejection_reason(touch: Touch) -> str | None:
 
 
 def _touches(
-    sensors: SensorPair,
-    friction: dict[str, Friction],
-    tally: Tally,
-    shape: Shape,
+    sensors: SensorPair, friction: dict[str, Friction], tally: Tally, shape: Shape,
     sample: PressSample,
-) -> list[Touch]:
+) -> list[Touch]:  # fmt: skip
     """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""
     touch = sensors.press(shape, sample.command, sample.rng, timed=tally.running)
     touches = [touch]

@@ -148,12 +148,9 @@ def _squares(fine: int, size: Pixels) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sample_lights(
-    rng: np.random.Generator,
-    artifacts: Artifacts,
-    toward_px: np.ndarray,
-    colors_of: np.ndarray,
+    rng: np.random.Generator, artifacts: Artifacts, toward_px: np.ndarray, colors_of: np.ndarray,
     size: Pixels,
-) -> tuple[Lights, Lights]:
+) -> tuple[Lights, Lights]:  # fmt: skip
     """Streaks and glares of the presses, and of the background frame before. toward_px: (LEDs, 2)
     rows and columns of the LEDs. colors_of: (LEDs,) their brightest colors."""
     count = int(rng.integers(artifacts.streaks[0], artifacts.streaks[1] + 1))

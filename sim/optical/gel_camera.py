@@ -269,12 +269,9 @@ class GelCamera:
         return replace(self, **given)
 
     def sampled(
-        self,
-        rng: np.random.Generator,
-        artifacts_rng: np.random.Generator,
-        ranges: UnitRanges,
+        self, rng: np.random.Generator, artifacts_rng: np.random.Generator, ranges: UnitRanges,
         artifacts: Artifacts | None,
-    ) -> "GelCamera":
+    ) -> "GelCamera":  # fmt: skip
         """A sampled unit: near its optics file, if one is given or the sensor's file has no LEDs or
         no ranges of units, else from the ranges. artifacts: None for none."""
         spec, leds = self.spec, self.spec.light.leds
@@ -312,12 +309,9 @@ class GelCamera:
         _ = contact.surface_mm
 
     def read(
-        self,
-        contact: Contact | None,
-        rng: np.random.Generator | None = None,
-        before: "ImageReading | None" = None,
-        seconds: float | None = None,
-    ) -> "ImageReading":
+        self, contact: Contact | None, rng: np.random.Generator | None = None,
+        before: "ImageReading | None" = None, seconds: float | None = None,
+    ) -> "ImageReading":  # fmt: skip
         """The reading of a contact, of None without contact. rng: of the camera noise; None for
         none. before, seconds: not used, since an image does not depend on earlier ones."""
         return ImageReading(self, contact, self.image(contact, rng))

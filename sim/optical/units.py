@@ -176,12 +176,9 @@ def own_colors(leds: tuple[Led, ...]) -> np.ndarray:
 
 
 def sample_light(
-    rng: np.random.Generator,
-    ranges: UnitRanges,
-    leds: tuple[Led, ...],
-    camera: Camera,
+    rng: np.random.Generator, ranges: UnitRanges, leds: tuple[Led, ...], camera: Camera,
     gamma: float,
-) -> Optics:
+) -> Optics:  # fmt: skip
     """The LEDs and the response of a unit, with a black background. ranges: without None. leds: of
     the sensor."""
     assert ranges.led_distance_mm is not None and ranges.led_elevation_deg is not None
@@ -208,12 +205,9 @@ def sample_light(
 
 
 def _relative(
-    rng: np.random.Generator,
-    ranges: UnitRanges,
-    leds: tuple[Led, ...],
-    towards: np.ndarray,
+    rng: np.random.Generator, ranges: UnitRanges, leds: tuple[Led, ...], towards: np.ndarray,
     mixed: float,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """(LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to that of the color's own LEDs.
 
     towards: (LEDs, 2) directions of the LEDs. mixed: factor of leaks and irregularity.

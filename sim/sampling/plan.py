@@ -297,13 +297,9 @@ def sample_paths(
 
 
 def sample_commands(
-    motion: Motion,
-    path: MotionPath,
-    start: PressCommand,
-    seed: tuple[int, int],
-    number: int,
+    motion: Motion, path: MotionPath, start: PressCommand, seed: tuple[int, int], number: int,
     attempt: int,
-) -> tuple[PressCommand, ...]:
+) -> tuple[PressCommand, ...]:  # fmt: skip
     """The touches of a path after its press: equal steps of the pose and the force."""
     rng = np.random.default_rng((*seed, MOTION_STREAM, number, path.index, attempt))
     dx_mm = dy_mm = turn_rad = 0.0

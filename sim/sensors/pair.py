@@ -37,11 +37,9 @@ class SensorPair:
 
     @classmethod
     def of(
-        cls,
-        source: str | Path | Sensor = SOURCE,
-        target: str | Path | Sensor = TARGET,
+        cls, source: str | Path | Sensor = SOURCE, target: str | Path | Sensor = TARGET,
         **options: Any,
-    ) -> "SensorPair":
+    ) -> "SensorPair":  # fmt: skip
         """The pair of two sensors, by name or file, with options of either kind.
 
         options: see OPTIONS of the kinds; None for the sensor's own. An option holds for each of
@@ -111,14 +109,9 @@ class SensorPair:
         )
 
     def press(
-        self,
-        shape: Shape,
-        command: PressCommand,
-        rng: np.random.Generator | None = None,
-        timed: StageTimer = nullcontext,
-        only: str | None = None,
-        before: Touch | None = None,
-    ) -> Touch:
+        self, shape: Shape, command: PressCommand, rng: np.random.Generator | None = None,
+        timed: StageTimer = nullcontext, only: str | None = None, before: Touch | None = None,
+    ) -> Touch:  # fmt: skip
         """Press a shape into both sensors, or into one of them, by its name in a touch.
 
         command: of 0 N for readings without contact. rng: of both sensors' noise. before: the touch
