@@ -2,6 +2,7 @@
 its files."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import hypot
@@ -96,6 +97,13 @@ class Touch(Record):
             there = ", ".join(self.readings) or "none"
             raise T2TwinError(f"the touch has no reading of {sensor!r}; it has: {there}")
         return self.readings[sensor]
+
+    def __contains__(self, sensor: object) -> bool:
+        return sensor in self.readings
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the sensors, as of a dict."""
+        return iter(self.readings)
 
     def __repr__(self) -> str:
         parts = [f"{sensor}: {contact.summary}" for sensor, contact in self.contacts.items()]
@@ -218,7 +226,8 @@ class Touch(Record):
                 np.savez_compressed(temporary / f"contact_{sensor}.npz", **arrays)
                 scene_path(temporary, sensor).write_text(scene.scene(contact, mesh_file))
             for sensor, reading in self.readings.items():
-                reading.save(temporary, sensor)
+                second = "" if reading is self.of_array else f"_{sensor}"
+                reading.save(temporary, sensor, second)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
 

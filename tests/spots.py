@@ -42,14 +42,9 @@ SHAPES = (
 
 
 def write_spots(
-    folder: Path,
-    train: int = 32,
-    val: int = 12,
-    test: int = 8,
-    seed: int = 0,
-    forces_n: Sequence[float] = (8.0,),
-    scale: str | None = "smoke",
-) -> Path:
+    folder: Path, train: int = 32, val: int = 12, test: int = 8, seed: int = 0,
+    forces_n: Sequence[float] = (8.0,), scale: str | None = "smoke",
+) -> Path:  # fmt: skip
     """A whole data set with so many pairs a split, of these forces in turn. Returns its folder.
 
     Light and counts grow with the force; at 0 N nothing is touched. scale: None of imported pairs.
@@ -138,13 +133,8 @@ def _spot(
     schema = schema_of(VALUES, None)
     rest = {field.name: False if pa.types.is_boolean(field.type) else 0 for field in schema}
     return rest | {
-        "shape": shape,
-        "family": family,
-        "split": split,
-        "index": index,
-        "x_mm": x_mm,
-        "y_mm": y_mm,
-        "force_n": force_n,
+        "shape": shape, "family": family, "split": split, "index": index, "x_mm": x_mm,
+        "y_mm": y_mm, "force_n": force_n,
         "source_image": {"bytes": encode_png(image), "path": f"{index}.png"},
         "target_counts": np.rint(counts).astype(np.uint16),
-    }
+    }  # fmt: skip

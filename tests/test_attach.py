@@ -79,15 +79,9 @@ def test_the_same_press_as_by_the_twin():
     for sensor in ("digit", "cyskin"):
         half = np.deg2rad(30.0) / 2
         spec = scene(
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname="shape",
-            x_m=1e-3,
-            y_m=2e-3,
-            gap_m=0.004,
-            quat=[0, np.cos(half), np.sin(half), 0],
-            condim=1,
-            priority=1,
-        )
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname="shape", x_m=1e-3, y_m=2e-3, gap_m=0.004,
+            quat=[0, np.cos(half), np.sin(half), 0], condim=1, priority=1,
+        )  # fmt: skip
         mesh = spec.add_mesh(name="shape", uservert=(1e-3 * vertices).ravel())
         mesh.userface = faces.ravel()
         attached = t2twin.attach(spec, site="pad", sensor=sensor, geometry="visual")
@@ -246,11 +240,12 @@ def test_many_states_are_read_at_the_same_time():
             assert alone.contacts[sensor.sensor].force_n > 1.9
     assert t2twin.read_all(sensors[0], []) == []
     data = states[0][1]
-    for wrong, message in ((["digit"], "expected objects"), (sensors, "twice")):
+    for of, read, message in (
+        (["digit"], [], r"sensors\[0\] is"), (sensors, [data, data], "twice"), (None, [], "a list"),
+        (sensors, data, "a list"), (sensors, None, "a list"), (sensors, iter([]), "a list"),
+    ):  # fmt: skip
         with pytest.raises(T2TwinError, match=message):
-            t2twin.read_all(wrong, [data, data])  # pyright: ignore[reportArgumentType]
-    with pytest.raises(T2TwinError, match=r"expected a list of them, such as \[data\]"):
-        t2twin.read_all(sensors, data)  # pyright: ignore[reportArgumentType]
+            t2twin.read_all(of, read)  # pyright: ignore[reportArgumentType]
 
 
 def test_contacts_at_the_side_are_named():

@@ -11,14 +11,10 @@ KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")
 @pytest.mark.parametrize(
     "name, meant",
     [
-        ("froce_n", "force_n"),
-        ("force", "force_n"),
-        (" Force (N)", "force_n"),
-        ("depth_um", "depth_mm"),
-        ("ball_diamter_mm", "ball_diameter_mm"),
-        ("note", None),
+        ("froce_n", "force_n"), ("force", "force_n"), (" Force (N)", "force_n"),
+        ("depth_um", "depth_mm"), ("ball_diamter_mm", "ball_diameter_mm"), ("note", None),
     ],
-)
+)  # fmt: skip
 def test_a_misspelt_name_is_near_the_right_one(name, meant):
     assert nearest(name, KNOWN) == meant
     words = f"did you mean {meant}" if meant else "expected file, force_n"

@@ -55,17 +55,13 @@ def test_how_a_picture_is_wrong_is_told():
     known = fit_ood_detector(pixels)
     assert known is not None
     wrong = {
-        "in distribution": pixels[0],
-        "upside down": pixels[0, ::-1, ::-1],
-        "mirrored": pixels[0, :, ::-1],
-        "upside down and mirrored": pixels[0, ::-1],
-        "on its side": np.rot90(pixels[0], -1),
-        "on its other side": np.rot90(pixels[0]),
+        "in distribution": pixels[0], "upside down": pixels[0, ::-1, ::-1],
+        "mirrored": pixels[0, :, ::-1], "upside down and mirrored": pixels[0, ::-1],
+        "on its side": np.rot90(pixels[0], -1), "on its other side": np.rot90(pixels[0]),
         "black": pixels[0] // 32,
         "overexposed": np.clip(pixels[0].astype(int) + 170, 0, 255).astype(np.uint8),
-        "without color": _grey(pixels[0]),
-        "of another light or sensor": pixels[0][..., [1, 2, 0]],
-    }
+        "without color": _grey(pixels[0]), "of another light or sensor": pixels[0][..., [1, 2, 0]],
+    }  # fmt: skip
     assert known.classify(np.array(list(wrong.values()))) == list(wrong)
     of_grey_light = fit_ood_detector(_grey(pixels))
     assert of_grey_light is not None

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import tomllib
 from dataclasses import replace
 from typing import Any
 
@@ -241,6 +242,14 @@ DIM = content_of("digit")["light"]["leds"][0] | {"color": [1e-7, 1e-7, 1e-7]}
         ("flexitac", ("tactile_image", "rows"), 40, "tactile_image.rows is 40"),
         ("flexitac", ("dense", "spacing_mm"), 0.2, "use a larger spacing_mm"),
         ("flexitac", ("imperfections", "white", "dead"), [384], "imperfections.white: dead"),
+        ("flexitac", ("imperfections", "none"), {}, "imperfections.none is the array without"),
+        ("flexitac", ("imperfections", "white", "drift_share"), 0.1, "drift_counts is missing"),
+        ("cyskin-20", ("imperfections", "recorded", "load_noise_counts"), 0.0, "load_noise_spread"),
+        ("flexitac", ("imperfections", "white", "memory_rise_s"), 0.1, "since memory_s is missing"),
+        ("flexitac", ("cover", "dome_flat_mm"), 3.0, "dome_flat_mm has no effect, since dome_"),
+        ("gelsight-mini", ("markers", "seed"), 3, "jitter_mm is missing"),
+        ("flexitac", ("name",), "press", "name is 'press'"),
+        ("gelsight-mini", ("name",), "source", "choose another"),
     ],
 )  # fmt: skip
 def test_values_that_contradict_each_other_are_one_sentence(name, place, value, sentence):
@@ -271,6 +280,27 @@ def test_a_file_extends_another_and_a_chain_of_them(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("base", "text", "without"),
+    [
+        ("cyskin-20", "[transducer]\nlargest_strain = 0.4", ()),
+        ("flexitac", "[layout]\npitch_mm = 1.5", ()),
+        ("gelsight-mini", "[markers]\ndiameter_mm = 0.7", ()),
+        ("cyskin-20", "[layout]\nrows = 4\ncolumns = 4\npitch_mm = 5\npad = 'round'\npad_mm = 4",
+         ("file",)),
+        ("digit", '[gel]\ndome_length_radius_mm = inf\n[light]\noptics = "none"',
+         ("dome_flat_mm",)),
+    ],
+)  # fmt: skip
+def test_values_are_those_of_the_extended_file_unless_others_exclude_them(base, text, without):
+    own = tomllib.loads(text)
+    found, before = files._merged(content_of(base), own), content_of(base)
+    spec_of(found, "my.toml")
+    for name, values in own.items():
+        expected = {k: v for k, v in before[name].items() if k not in without} | values
+        assert found[name] == expected
+
+
 def test_ranges_of_units_move_with_the_values_of_the_camera(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('extends = "gelsight-mini"\nname = "mine"\n[camera]\nscale_px_per_mm = 33.8\n')
@@ -289,6 +319,8 @@ def test_ranges_of_units_move_with_the_values_of_the_camera(tmp_path):
         ("[camera]\nshift_x_px = 100\n", "camera.shift_x_px is not that of digit"),
         ("[light]\nambient = [0, 0, 0]\n", "light.ambient is not that of digit"),
         ('[light]\noptics = "none"\nleds = []\n', "at least one of leds and optics"),
+        ('[light]\noptics = "None"\n', "mine.toml: light.optics is 'None'; expected an optics"),
+        ('[camera]\nscale_px_per_mm = 5\n[light]\noptics = "none"\n', "the camera sees 48.0 mm"),
         ('[camera]\ncolumns = 200\n[light]\noptics = "none"\n', None),
         ('[camera]\ncolumns = 320\n[light]\noptics = "unit.npz"\n', None),
         ('[light]\noptics = "unit.npz"\ngamma = 2.0\n', "light.gamma is 2, but"),

@@ -30,14 +30,10 @@ def test_a_mesh_with_hairline_gaps_is_joined(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "near"),
     [
-        ("squar-2", "square-2"),
-        ("hemisfere-1", "hemisphere-1"),
-        ("pliers", "pliers/jaw-tip"),
-        ("Wrench/rings", "wrench/ring"),
-        ("square", "square-4"),
-        ("xyzzy", "t2twin shapes"),
+        ("squar-2", "square-2"), ("hemisfere-1", "hemisphere-1"), ("pliers", "pliers/jaw-tip"),
+        ("Wrench/rings", "wrench/ring"), ("square", "square-4"), ("xyzzy", "t2twin shapes"),
     ],
-)
+)  # fmt: skip
 def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
     with pytest.raises(T2TwinError) as caught:
         catalogue.load(wrong, tmp_path)

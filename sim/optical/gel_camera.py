@@ -387,7 +387,7 @@ class ImageReading(Record):
             return np.zeros((grid.rows, grid.columns))
         return of(grid, self.contact, self.sensor.optics.camera)
 
-    def save(self, folder: Path, name: str) -> None:
+    def save(self, folder: Path, name: str, _second: str) -> None:
         """Write NAME.png."""
         if self.image is not None:
             Image.fromarray(self.image).save(folder / f"{name}.png")

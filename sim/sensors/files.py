@@ -6,6 +6,7 @@ a bundled sensor state its values; the file of one unit has its camera, noise an
 file beside them states the same values or none, and has no other light.
 """
 
+import math
 import warnings
 from functools import cache
 from pathlib import Path
@@ -14,12 +15,12 @@ from typing import Any
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.records import convert, nearest, read_toml
-from t2twin.sim.optical.camera import Camera
+from t2twin.sim.optical.camera import LIMITS, Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.optics import SPECS, Optics, is_bundled
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.optical.spec import NO_OPTICS, GelCameraSpec
-from t2twin.sim.sensors.defaults import ALIASES
+from t2twin.sim.sensors.defaults import ALIASES, ROLES
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.spec import TaxelArraySpec
 from t2twin.sim.taxels.taxel_array import TaxelArray
@@ -36,6 +37,15 @@ DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
 LIGHT = ("leds", "ambient", "gamma")
 FITTED = {"camera": Camera.__struct_fields__, "light": LIGHT, "gel": DOME}
 """Values with which the optics of a bundled sensor's LEDs are fitted."""
+RESERVED = ("press", "tactile_image", "tactile_picture", *ROLES, "both", "none")
+"""Names of files of a saved touch and of choices of commands, which no sensor may have."""
+NEEDS = {
+    "drift_share": "drift_counts", "drift_counts": "drift_share", "noise_counts": "offset_counts",
+    "load_noise_spread": "load_noise_counts", "load_noise_level_counts": "load_noise_counts",
+    "memory_rise_s": "memory_s", "memory_spread": "memory_s", "seed": "jitter_mm",
+    "dome_flat_mm": "dome_length_radius_mm",
+}  # fmt: skip
+"""Keys of any table that have no effect without another one beside them."""
 
 
 def bundled_sensors() -> tuple[str, ...]:
@@ -43,12 +53,12 @@ def bundled_sensors() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SPECS.glob("*.toml")))
 
 
-def path_of(source: str | Path) -> Path:
+def path_of(source: str | Path, argument: str = "sensor") -> Path:
     """The file of a sensor: a bundled name, or a path to a .toml file. Raises T2TwinError."""
     name = ALIASES.get(str(source), str(source))
     if name in bundled_sensors():
         return SPECS / f"{name}.toml"
-    path = Path(arguments.path(source, "sensor"))
+    path = arguments.path(source, argument)
     if path.suffix != ".toml":
         near = nearest(name, bundled_sensors())
         meant = f"; did you mean {near}?" if near else ""
@@ -59,15 +69,15 @@ def path_of(source: str | Path) -> Path:
     return path
 
 
-def load_sensor(source: str | Path | Sensor) -> Sensor:
-    """A sensor by its name or from a file; a sensor is returned unchanged.
+def load_sensor(source: str | Path | Sensor, argument: str = "sensor") -> Sensor:
+    """A sensor by its name or from a file; a sensor is returned unchanged. argument: for messages.
 
     Raises T2TwinError for an unknown name, an unreadable file, and values that are missing, unknown
     or not allowed.
     """
     if isinstance(source, Sensor):
         return source
-    path = path_of(source)
+    path = path_of(source, argument)
     return _bundled(path) if path.parent == SPECS else _read(path)
 
 
@@ -103,7 +113,13 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
     optics = _table(content, "light").get("optics")
     if isinstance(optics, str) and optics != NO_OPTICS and not is_bundled(optics):
         folder, base = path.parent, {k: v for k, v in base.items() if k not in ("light", "units")}
-        for table, values in Optics.load(folder / optics).stated.items():
+        try:
+            stated = Optics.load(folder / optics).stated
+        except T2TwinError as error:
+            others = ", ".join(each.stem for each in SPECS.glob("*.npz"))
+            allowed = f"expected an optics file, {NO_OPTICS}, or one of {others}"
+            raise T2TwinError(f"{path}: light.optics is {optics!r}; {allowed}: {error}") from None
+        for table, values in stated.items():
             base[table] = _table(base, table) | values
     moved = _moved_ranges(base, content)
     return _merged(base if moved is None else base | {"units": moved}, content), folder
@@ -121,22 +137,46 @@ def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] |
         ranges, before, now = base["units"], base["camera"], own["camera"]
         names = ranges.keys() & now.keys()
         return ranges | {
-            name: [each * (now[name] / before[name]) for each in ranges[name]] for name in names
+            name: [
+                min(max(each * (now[name] / before[name]), LIMITS[name][0]), LIMITS[name][1])
+                for each in ranges[name]
+            ]
+            for name in names
         }
     except (KeyError, TypeError, AttributeError, ZeroDivisionError):
         return None
 
 
-# Tables that replace the extended file's as a whole, since their keys exclude each other
-REPLACED = ("layout", "transducer", "markers")
-
-
-def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+def _merged(base: dict[str, Any], own: dict[str, Any], table: str = "") -> dict[str, Any]:
+    """The values of a table over those of the extended file that they do not exclude."""
+    if (table == "transducer" and own.get("law", base.get("law")) != base.get("law")) or (
+        table == "layout" and ("file" in own) != ("file" in base)
+    ):
+        return own
+    merged = {
+        key: value
+        for key, value in base.items()
+        if NEEDS.get(key) not in own or _has_effect(own[NEEDS[key]])
+    }
     for key, value in own.items():
-        both = isinstance(value, dict) and isinstance(base.get(key), dict) and key not in REPLACED
-        merged[key] = _merged(base[key], value) if both else value
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merged(base[key], value, key) if both else value
     return merged
+
+
+def _has_effect(value: object) -> bool:
+    """Whether a value enables what other keys describe further."""
+    return value not in (None, 0.0, [], math.inf)
+
+
+def _check_needs(table: dict[str, Any], place: str) -> None:
+    """Raises T2TwinError for a key of a table, or of those in it, that has no effect."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _check_needs(value, f"{place}{key}.")
+        elif key in NEEDS and _has_effect(value) and not _has_effect(table.get(NEEDS[key])):
+            other = f"{NEEDS[key]} is {table.get(NEEDS[key], 'missing')}"
+            raise T2TwinError(f"{place}{key} has no effect, since {other}; give both or none")
 
 
 def spec_of(content: dict[str, Any], source: object) -> Spec:
@@ -148,14 +188,21 @@ def spec_of(content: dict[str, Any], source: object) -> Spec:
     presets = _table(content, "imperfections")
     has_memory = any(_table(presets, name).get("memory_s") for name in presets)
     unused = ("camera", "rate_hz"), ("counts", "bits"), ("counts", "rate_hz")
+    removed = []
     for table, key in unused[: 2 if has_memory else 3]:
         if key in (values := _table(content, table)):
             content = content | {table: {k: v for k, v in values.items() if k != key}}
-            message = f"{source}: {table}.{key} has no effect; remove it"
-            warnings.warn(message, T2TwinWarning, stacklevel=2)
+            removed.append(f"{source}: {table}.{key} has no effect; remove it")
     spec = convert(content, KINDS[kind][0], source)
+    if spec.name in RESERVED:
+        raise T2TwinError(
+            f"{source}: name is {spec.name!r}, as a file or a role of a touch has; choose another"
+        )
+    _check_needs(content, f"{source}: ")
     if isinstance(spec, GelCameraSpec):
         _check_fitted(spec, source)
+    for message in removed:
+        warnings.warn(message, T2TwinWarning, stacklevel=2)
     return spec
 
 

@@ -45,7 +45,8 @@ class SensorPair:
         options: see OPTIONS of the kinds; None for the sensor's own. An option holds for each of
         the two that has it. Raises T2TwinError for an option that neither sensor has.
         """
-        return cls(load_sensor(source), load_sensor(target)).with_options(**options)
+        both = load_sensor(source, "source"), load_sensor(target, "target")
+        return cls(*both).with_options(**options)
 
     def with_options(self, **options: Any) -> "SensorPair":
         """The same pair with options; see `of`."""
@@ -55,7 +56,7 @@ class SensorPair:
             if name not in allowed:
                 names = " and ".join(dict.fromkeys((self.source.name, self.target.name)))
                 known = ", ".join(allowed) or "no such option"
-                raise T2TwinError(f"{name} has no effect on {names}, which has {known}")
+                raise T2TwinError(f"{name} has no effect on {names}; allowed: {known}")
         both = []
         for sensor in (self.source, self.target):
             own = {name: value for name, value in given.items() if name in sensor.OPTIONS}
@@ -98,7 +99,7 @@ class SensorPair:
 
     def named(self, sensor: str) -> str:
         """The name in a touch of a sensor by name, alias or role. Raises T2TwinError."""
-        name = ALIASES.get(sensor, sensor)
+        name = sensor if sensor in self.by_name else ALIASES.get(sensor, sensor)
         if name in self.by_name:
             return name
         if name in ROLES:

@@ -68,7 +68,7 @@ class TaxelArray:
         presets, name = self.spec.imperfections, self.imperfections
         if name is None:
             name = reading.WHITE if reading.WHITE in presets else reading.NONE
-        arguments.choice(name, "imperfections", list(dict.fromkeys((reading.NONE, *presets))))
+        arguments.choice(name, "imperfections", [reading.NONE, *presets])
         flaws = presets.get(name, Imperfections())
         flaws = structs.replace(flaws, dead=tuple(dict.fromkeys((*flaws.dead, *self.dead))))
         flaws.check_dead(layout.size)
@@ -77,6 +77,10 @@ class TaxelArray:
 
     def _check_file(self) -> None:
         """Raises T2TwinError for tables of the sensor's file that do not fit its taxels."""
+        if reading.NONE in self.spec.imperfections:
+            raise T2TwinError(
+                f"imperfections.{reading.NONE} is the array without imperfections; rename the table"
+            )
         for name, flaws in self.spec.imperfections.items():
             try:
                 flaws.check_dead(self.layout.size)
@@ -282,8 +286,8 @@ class CountsReading(Record):
         """What differs from the sensor's file, for JSON."""
         return {"layout": self.sensor.layout.name}
 
-    def save(self, folder: Path, name: str) -> None:
-        """Write NAME.json, tactile_image.png and tactile_picture.png, _NAME of a second array."""
+    def save(self, folder: Path, name: str, second: str) -> None:
+        """Write NAME.json, tactile_image.png and tactile_picture.png. second: after these names."""
         if self.counts is None:
             return
         layout, image = self.sensor.layout, self.tactile_image
@@ -296,7 +300,6 @@ class CountsReading(Record):
         }
         (folder / f"{name}.json").write_text(f"{json.dumps(content, indent=1)}\n")
         # 16 bits a pixel, so that the counts can be read back from the image.
-        second = f"_{name}" if (folder / "tactile_image.png").exists() else ""
         raw = Image.fromarray(np.rint(image).astype(np.uint16))
         raw.save(folder / f"tactile_image{second}.png")
         self.picture().save(folder / f"tactile_picture{second}.png")

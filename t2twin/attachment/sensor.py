@@ -321,13 +321,9 @@ def read_all(
     whatever the number of workers.
     Raises T2TwinError for invalid arguments, and as `AttachedSensor.read`.
     """
-    chosen = [sensors] if isinstance(sensors, AttachedSensor) else list(sensors)
-    if isinstance(states, mujoco.MjData):
-        raise T2TwinError("states is one mujoco.MjData; expected a list of them, such as [data]")
-    for name, given, kind in ("sensors", chosen, AttachedSensor), ("states", states, mujoco.MjData):
-        wrong = [arguments.describe(each) for each in given if not isinstance(each, kind)]
-        if wrong:
-            raise T2TwinError(f"{name} has {wrong[0]}; expected objects of {kind.__name__}")
+    given = [sensors] if isinstance(sensors, AttachedSensor) else sensors
+    chosen = arguments.objects(given, "sensors", AttachedSensor)
+    states = arguments.objects(states, "states", mujoco.MjData)
     if len({id(each) for each in states}) < len(states):
         raise T2TwinError("states has the same MjData twice; expected one of each environment")
     if workers is not None:

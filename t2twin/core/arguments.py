@@ -109,6 +109,11 @@ def instance(value: object, name: str, kind: type[Kind]) -> Kind:
     return value
 
 
+def objects(values: object, name: str, kind: type[Kind]) -> list[Kind]:
+    """A list or a tuple of instances of a class."""
+    return [instance(each, f"{name}[{n}]", kind) for n, each in enumerate(_items(values, name))]
+
+
 def function(value: object, name: str) -> None:
     """Raises T2TwinError for anything that is not callable."""
     if not callable(value):

@@ -81,13 +81,9 @@ def laid(files: Mapping[str, Content]) -> Make:
 
 
 def damaged(
-    name: str,
-    commands: tuple[str, ...],
-    files: Files,
-    target: str,
-    contents: Iterable[tuple[str, Content]],
-    fine: bool = False,
-) -> Iterator[Case]:
+    name: str, commands: tuple[str, ...], files: Files, target: str,
+    contents: Iterable[tuple[str, Content]], fine: bool = False,
+) -> Iterator[Case]:  # fmt: skip
     """A case for each content of the file target, by name, with each of the commands in turn."""
     for number, (what, content) in enumerate(contents):
         make = laid({**files, f"./{target}": content})
