@@ -16,7 +16,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
-from typing import Any, NoReturn
+from types import FrameType
+from typing import Any
 
 from t2twin.core.errors import T2TwinError
 
@@ -28,6 +29,7 @@ LOCK = ".t2twin.lock"  # in a folder, removed with the lock; without its process
 OWN = ".t2twin.json"  # in a folder of results: the SHA-256 of files by kind of result and name
 # Ctrl-C, that of `kill`, service managers and containers, and that of a closed terminal
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+IMPORT_WAIT_S = 0.05  # until a signal during an import is handled again (assumed)
 run_inputs: list[Path] = []  # of the running command, named by the user; no result replaces them
 # Commands that continue an earlier call; the others start again and leave no files
 RESUMING = ("adapt", "demo", "simdata", "train")
@@ -40,10 +42,17 @@ def install_handlers() -> None:
             signal.signal(number, _stop)
 
 
-def _stop(number: int, _: object) -> NoReturn:
+def _stop(number: int, frame: FrameType | None) -> None:
     """End the process with its temporary files; a second signal ends it at once."""
     for each in SIGNALS:
         signal.signal(each, signal.SIG_DFL)
+    while frame is not None and "<frozen importlib" not in frame.f_code.co_filename:
+        frame = frame.f_back
+    if frame is not None and hasattr(signal, "setitimer"):  # which Windows has not
+        # A module that is being imported may catch every exception: wait until no import runs.
+        signal.signal(signal.SIGALRM, lambda _, inner: _stop(number, inner))
+        signal.setitimer(signal.ITIMER_REAL, IMPORT_WAIT_S)
+        return
     resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
     effect = "continues from its last saved state" if resumes else "begins again"
     with suppress(OSError):  # standard error is closed
