@@ -43,7 +43,8 @@ FOLD_RAD = math.pi - 1e-3  # least angle between neighboring triangles of a fold
 # 0.1 mm at some of ten poses, and none of these; the contact area on a gel was within 3 %.
 SMALLEST_MM, NARROWEST_MM = 0.5, 0.2
 LARGEST_MM = 1000.0  # largest size of a solid, mm (assumed: larger ones are in other units)
-UNITS = {"inches": 25.4, "meters": 1000.0}  # units of files that a scale makes mm
+# Units of files that a scale makes mm.
+UNITS = {"millimeters": 1.0, "micrometers": 0.001, "inches": 25.4, "meters": 1000.0}
 STL_CORNER = re.compile(rb"^\s*vertex\b", re.IGNORECASE | re.MULTILINE)  # a corner in text STL
 PLY_FACES = re.compile(rb"^element face (\d+)", re.MULTILINE)  # the number of faces in PLY
 UPRIGHT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # from glTF's y up (glTF 2.0, 3.4) to z up
@@ -117,7 +118,7 @@ def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh,
 
 
 def _check_size(path: Path, sides: np.ndarray, unit_mm: float) -> None:
-    """Raises T2TwinError for sides (3,) that cannot be pressed, with likely scales if too small."""
+    """Raises T2TwinError for sides (3,) that cannot be pressed, with scales that fit."""
     if sides[:2].min() == 0.0:
         raise T2TwinError(
             f"{path} is flat: it has no {'xy'[int(sides[:2].argmin())]}; a surface that is seen "
@@ -132,11 +133,10 @@ def _check_size(path: Path, sides: np.ndarray, unit_mm: float) -> None:
     if not fits(unit_mm):
         width, length, height = (float(side) * unit_mm for side in sides)
         scales = [f"{scale:g} if it is in {unit}" for unit, scale in UNITS.items() if fits(scale)]
-        is_small = float(sides.max()) * unit_mm <= LARGEST_MM
         raise T2TwinError(
             f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
             f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
-            + (f"; a scale may be missing: {', '.join(scales)}" if scales and is_small else "")
+            + (f"; another scale may fit: {', '.join(scales)}" if scales else "")
         )
 
 

@@ -172,8 +172,9 @@ def test_a_scale_is_for_files_only(tmp_path):
         ("it.stl", (0.03, 0.02, 0.01), ("inches", "meters")),
         ("it.stl", (0.12, 0.33, 0.03), ("inches", "meters")),
         ("it.stl", (0.4, 0.18, 1.2), ("inches",)),
-        ("it.stl", (1200.0, 900.0, 10.0), ()),
-        ("it.glb", (1200.0, 900.0, 10.0), ()),
+        ("it.stl", (1200.0, 900.0, 10.0), ("micrometers",)),
+        ("it.glb", (6.0, 4.0, 5.0), ("millimeters", "inches")),
+        ("it.glb", (1e7, 9e6, 10.0), ()),
     ],
 )
 def test_a_refusal_names_scales_that_work(name, sides, units, tmp_path):

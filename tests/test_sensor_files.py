@@ -371,6 +371,7 @@ def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
         ('extends = "digitt"\n', "there is no sensor 'digitt'.*did you mean digit"),
         ("extends = 3\n", "extends"),
         ("a = [\n", r"mine\.toml: "),
+        ("light.leds = [{size_mm = 1.0, color = [1, nan]}]", r"light.leds\[0\].color\[1\] is nan"),
         ("", "kind is missing; expected gel-camera or taxel-array"),
         ('extends = "digit"\nkind = "taxel-array"\n', "`gel`"),
     ],
@@ -398,7 +399,8 @@ def test_a_users_files_lie_beside_each_other(tmp_path, shapes):
     )
     sensors = SensorPair.of(folder / "camera.toml", folder / "array.toml")
     touch = sensors.press(shapes("square-1"), PressCommand("square-1", 0.0, 0.0, 0.0, 8.0))
-    assert list(touch.readings) == ["my-camera", "my-array"] and touch.counts.shape == (3,)
+    assert list(touch) == ["my-camera", "my-array"] and "digit" not in touch
+    assert touch.counts.shape == (3,)
     np.testing.assert_array_equal(sensors.camera.background_frame(), optics.background)
     assert sensors.camera.optics_path == folder / "my_unit.npz"
 

@@ -48,16 +48,23 @@ def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file without NaN. Raises T2TwinError for anything else."""
-
-    def finite(text: str) -> float:
-        if math.isnan(value := float(text)):
-            raise ValueError("nan is not a number")
-        return value
-
     try:
-        return tomllib.loads(read_file(path).decode("utf-8-sig"), parse_float=finite)
+        content = tomllib.loads(read_file(path).decode("utf-8-sig"))
+        _check_no_nan(content, "")
     except (ValueError, RecursionError) as error:
         raise T2TwinError(f"{path}: {error}") from error
+    return content
+
+
+def _check_no_nan(value: Any, place: str) -> None:
+    """Raises ValueError, with its place, for a NaN in the content of a TOML file."""
+    if isinstance(value, float) and math.isnan(value):
+        raise ValueError(f"{place} is nan, which is not a number")
+    if isinstance(value, dict):
+        for key, each in value.items():
+            _check_no_nan(each, f"{place}.{key}" if place else key)
+    for number, each in enumerate(value if isinstance(value, list) else ()):
+        _check_no_nan(each, f"{place}[{number}]")
 
 
 def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:
