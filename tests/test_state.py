@@ -120,3 +120,5 @@ def test_what_a_touch_of_one_kind_lacks_is_named():
     assert camera.counts is camera.layout is array.image is None
     with pytest.raises(T2TwinError, match="has no effect on digit; allowed: optics, gel, render"):
         t2twin.Twin(target="digit", layout="cyskin-63")
+    with pytest.raises(T2TwinError, match="source is None"):
+        t2twin.Twin(source=None)  # pyright: ignore[reportArgumentType]
