@@ -82,7 +82,7 @@ def _plain(cell: str, sign: str | None, source: str) -> str:
     found = re.fullmatch(rf"([-+]?)({groups}|[0-9]*)[{point}]?([0-9]*)(e[-+]?[0-9]+)?", cell, re.I)
     if found is not None and (found[2] or found[3]):
         whole = re.sub("[^0-9]", "", found[2]) or "0"
-        plain = f"{found[1]}{whole}{found[3] and '.'}{found[3]}{found[4] or ''}"
+        plain = f"{found[1].strip('+')}{whole}{found[3] and '.'}{found[3]}{found[4] or ''}"
         if isfinite(float(plain)):
             return plain
     raise T2TwinError(

@@ -1,17 +1,37 @@
-"""`calibrate` and `guess_light`, which warn of a background frame that shows a contact."""
+"""`calibrate` and `guess_light`, which warn of a background frame that is unsuitable."""
 
 import inspect
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from t2twin.core import arguments
 from t2twin.core.errors import warn
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.sim.calibrate import calibrate as fits
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
-from t2twin.translate.inference.load import contact_warnings
+from t2twin.sim.optical.camera import Camera
+from t2twin.translate.inference.load import contact_warnings, load_run
+from t2twin.translate.runs.config import load_config, pretrained_runs, resolve_run
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
+
+
+def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: str) -> list[str]:
+    """That a background frame is stored in another order, or shows a contact, by pretrained runs
+    of the sensor."""
+    frame = upright_frame(read_frame(path, order), camera)
+    for name in pretrained_runs():
+        config = load_config(resolve_run(name))
+        is_own = config.data.camera.name == sensor and config.has_uncertainty
+        if is_own and load_run(name).order_of(frame) != UPRIGHT:
+            found = str(load_run(name).order_of(read_frame(path))) or "upright"
+            way = "options of commands; FrameOrder of functions"
+            unlike = f", not {order}" if order != UPRIGHT else ""
+            return [f"{path} is probably stored in the order {found}{unlike} ({way})"]
+    return contact_warnings(frame, str(path), sensor)
 
 
 def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
@@ -23,9 +43,8 @@ def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
         bound.apply_defaults()
         given = bound.arguments
         sensor, camera = fits.sensor_and_camera(given["sensor"], given["camera"])
-        background = given["background"]
-        frame = upright_frame(read_frame(background, given["order"]), camera)
-        warn(*contact_warnings(frame, str(background), sensor.name))
+        path = arguments.path(given["background"], "background")
+        warn(*background_warnings(path, given["order"], camera, sensor.name))
         return fit(*values, **options)
 
     return warned

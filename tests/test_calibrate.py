@@ -290,6 +290,15 @@ def test_the_command_writes_what_the_function_gives_and_names_a_contact(
         Image.fromarray(frame).save(path)
         main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
         assert (f"{path} shows a contact, by field" in capsys.readouterr().err) == said
+    with pytest.raises(SystemExit):
+        main(["calibrate", "--background", str(path), "--force-tolerance-n", "0.1"])
+    assert "--force-tolerance-n is of a fit, which needs --presses" in capsys.readouterr().err
+    turned, order = tmp_path / "turned.png", t2twin.FrameOrder(180, False, True)
+    Image.fromarray(frames[0][::-1, ::-1, ::-1]).save(turned)
+    with pytest.warns(t2twin.T2TwinWarning, match=r"order --turn-deg 180 --bgr \("):
+        t2twin.guess_light(turned)
+    with pytest.warns(t2twin.T2TwinWarning, match=r"order upright, not --turn-deg 180 --bgr \("):
+        t2twin.guess_light(path, order=order)
     written = Optics.load(tmp_path / "out" / "optics.npz")
     camera = structs.replace(CAMERA, scale_px_per_mm=18.0, distance_mm=21.0)
     with pytest.warns(t2twin.T2TwinWarning, match="shows a contact, by field"):

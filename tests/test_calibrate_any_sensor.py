@@ -176,6 +176,7 @@ def test_frames_of_one_place_are_in_one_part(tmp_path):
     assert read(2, sensor, sensor.camera, None)[2] == [6]  # the other one is at a fitted place
     said = refused(folder, sensor=sensor, held_out=3)
     assert "8 frames of presses at 7 places, of which 3" in said and "9 places would do" in said
+    assert read(None, sensor, sensor.camera, None)[2] == [6]  # eight frames at seven places
 
 
 def test_printed_markers_are_filled_in(tmp_path, monkeypatch):

@@ -112,7 +112,7 @@ def test_verify_lists_missing_and_additional_files(made, tmp_path, capsys):
     assert stop.value.code == 1
     printed = capsys.readouterr().out
     assert "val/square-3.parquet: it is missing" in printed and "train/mine.parquet: " in printed
-    assert "damaged in 2 files" in printed
+    assert "damaged in 2 files; the same `t2twin simdata` remakes 1 file\n" in printed
     with pytest.raises(T2TwinError, match=r"square-3\.parquet cannot be read .* makes it again"):
         read_split(folder, "val")
 

@@ -10,11 +10,10 @@ import torch
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.tables import text
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import FEATURE_SIZE, neighbors
 from t2twin.translate.evaluation.evaluate import (
@@ -22,6 +21,7 @@ from t2twin.translate.evaluation.evaluate import (
     as_readings,
     evaluate,
     evaluate_splits,
+    prepare,
     read_predictions,
 )
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
@@ -109,9 +109,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     assert test["paper"]["resnet18"] == {"rmse_counts": 4867, "rmse_percent": 12.17}
 
 
-def test_evaluation_of_objects_is_per_tool(
-    runs: list[Path], data_dir: Path, tmp_path: Path
-) -> None:
+def test_evaluation_of_objects_is_per_tool(runs, data_dir, tmp_path):
     evaluation = evaluate(runs[:1], data_dir, "test", tmp_path)
     model = evaluation.models["touch2touch"]
     assert list(model.by_family) == ["pliers"]
@@ -125,9 +123,7 @@ def test_evaluation_of_objects_is_per_tool(
     assert "Under view" in further[1] and "lie under the image's view" in further[-1]
 
 
-def test_both_splits_at_once(
-    runs: list[Path], data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_both_splits_at_once(runs, data_dir, tmp_path, capsys):
     given = [str(run) for run in runs]
     main(["evaluate", *given, "--data", str(data_dir), "--split", "both", "--out", str(tmp_path)])
     evaluations = {split: read_evaluation(tmp_path / split) for split in ("val", "test")}
@@ -145,9 +141,7 @@ def test_both_splits_at_once(
     assert said.count(DIFFERENCE) == 2
 
 
-def test_drawn_images_become_counts_and_tactile_images(
-    runs: list[Path], data_dir: Path, phi: Phi, true: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_drawn_images_become_counts_and_tactile_images(runs, data_dir, phi, true, monkeypatch):
     """A generator that drew perfectly would give the counts back, and phi of them at full size."""
     run = load_run(runs[0])
     translator = run.translator
@@ -180,9 +174,9 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_field_run_is_given_the_background_of_the_default_optics(
-    small_dataset: Path, tmp_path: Path
-) -> None:
+def test_a_field_run_is_given_the_background_of_the_default_optics(small_dataset, tmp_path):
+    with pytest.warns(T2TwinWarning, match="on gelsight-mini, and .* is of digit; its err"):
+        prepare(["mini"], small_dataset, ("val",))
     found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_OPTICS
     run = load_run("field").need_uncertainty("the test")

@@ -112,9 +112,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     np.testing.assert_array_equal(few.dense_counts, pairs.dense_counts[[3, 1]])
 
 
-def test_a_turned_picture_is_told_by_the_background_frame(
-    data_dir: Path, run: TrainedTranslator
-) -> None:
+def test_a_turned_picture_is_told_by_the_background_frame(data_dir, run):
     pixels = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True).inputs[:]
     assert set(run.classify(pixels)) == {"in distribution"}
     for turned, how in (
@@ -381,9 +379,7 @@ def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) 
         assert torch.equal(getattr(examples, name)[kept], getattr(plain, name)[kept])
 
 
-def test_tempered_on_several_recipes(
-    run_dir: Path, data_dir: Path, small_dataset: Path, tmp_path: Path
-) -> None:
+def test_tempered_on_several_recipes(run_dir, data_dir, small_dataset, tmp_path):
     """Of one recipe it finds what the training found; the mean stays as it was."""
     own = tmp_path / "run"
     shutil.copytree(run_dir, own)
@@ -449,9 +445,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
         np.testing.assert_allclose(said["tactile_images"], estimated.tactile_images, atol=1.0)
 
 
-def test_an_evaluation_says_how_right_it_is_in_that(
-    run_dir: Path, data_dir: Path, tmp_path: Path
-) -> None:
+def test_an_evaluation_says_how_right_it_is_in_that(run_dir, data_dir, tmp_path):
     evaluation = evaluate([run_dir], data_dir, "val", tmp_path / "val")
     assert read_evaluation(tmp_path / "val") == evaluation
     sure = evaluation.models["field"].uncertainty

@@ -124,7 +124,7 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     lines = []
     for row in rows:
         row |= {"split": "train"}
-        cells = [str(row.get(name, "")).replace("1.5", "1,5") for name in (*rows[0],)]
+        cells = [str(row.get(name, "")).replace("1.5", "+1,5") for name in (*rows[0],)]
         lines.append(delimiter.join(cells).replace("-0.25", "-0,25"))
     text = "\r\n".join([delimiter.join(rows[0]), "", *lines]) + "\r\n"
     (folder / "pairs.csv").write_bytes(text.encode("utf-8-sig"))

@@ -57,9 +57,7 @@ def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.Monk
     monkeypatch.setattr(Touch2Touch, "outputs", lambda self, images, *wanted: outputs)
 
 
-def test_linear_response_is_read_exactly_by_any_layout(
-    runs: dict[str, TrainedTranslator], dense: Layout, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_linear_response_is_read_exactly_by_any_layout(runs, dense, monkeypatch):
     """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim."""
 
     def response(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -75,9 +73,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
 
-def test_layouts_that_cannot_be_read_are_refused(
-    runs: dict[str, TrainedTranslator], dense: Layout
-) -> None:
+def test_layouts_that_cannot_be_read_are_refused(runs, dense):
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
         runs["resnet18"].at_layout(dense)
     wide = layout_of("wide", dense.x_mm + 12.0 * (np.arange(dense.size) == 3), dense.y_mm)

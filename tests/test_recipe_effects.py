@@ -49,7 +49,11 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
             f'{DRAWN}optics = "c.npz"\n[light.draw]\nled_size_mm = [1.0, 2.0]\n',
             "led_size_mm of light.draw .* has an optics file",
         ),
-        ("[motion]\n", "motion has no effect: a path needs two touches"),
+        ("[motion]\n", "motion needs 2 presses"),
+        (
+            "[motion]\nsteps = [100, 100]\n",
+            "motion needs 101 presses or more, by its steps; a part has 2",
+        ),
     ],
 )
 def test_a_field_without_effect_is_refused(text: str, said: str, tmp_path: Path) -> None:
@@ -75,6 +79,20 @@ def test_recipes_from_python_are_checked_too(tmp_path: Path) -> None:
     recipe = load(tmp_path, PART)
     with pytest.raises(T2TwinError, match=r"the recipe: .*seed"):
         checked(structs.replace(recipe, seed="one"))
+
+
+@pytest.mark.parametrize("top, tables, role, said", [
+    ("", DRAWN, "source", r"light\.kind needs a gel camera"),
+    ("contact_maps = true\n", "", "source", "contact_maps needs a gel camera"),
+    ("", "[motion]\nsteps = [1, 1]\nmarkers = 1\n", "source", "markers needs a gel camera"),
+    ("", "[motion]\nsteps = [1, 1]\ncover_friction = [1, 2]\n", "target", "needs a taxel array"),
+])  # fmt: skip
+def test_a_field_without_effect_on_the_sensors_is_refused(top, tables, role, said, tmp_path):
+    load(
+        tmp_path, f'{top}{role} = "{"cyskin-63" if role == "source" else "digit"}"\n{PART}{tables}'
+    )
+    with pytest.raises(T2TwinError, match=said):
+        t2twin.make_dataset(tmp_path / "out", recipe=tmp_path / "w.toml")
 
 
 def test_a_share_of_no_shape_is_refused(tmp_path: Path) -> None:

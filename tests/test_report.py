@@ -173,9 +173,7 @@ def test_evaluations_are_taken_up_again(
     assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}
 
 
-def test_an_evaluation_of_something_else_is_not_drawn(
-    page: Path, data_dir: Path, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_evaluation_of_something_else_is_not_drawn(page, data_dir, runs, tmp_path, monkeypatch):
     monkeypatch.setattr(run_report, "evaluate", refuse)
     own = tmp_path / "evaluate-val"
     for split in ("val", "test"):

@@ -106,9 +106,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
 @pytest.mark.parametrize(
     "splits, said", [("tttt", "neither validation nor test pairs"), ("sss", "no train pairs")]
 )
-def test_splits_that_cannot_be_evaluated_are_named(
-    runs: list[Path], tmp_path: Path, splits: str, said: str
-) -> None:
+def test_splits_that_cannot_be_evaluated_are_named(runs, tmp_path, splits, said):
     data = own_pairs(tmp_path, splits)
     with pytest.raises(T2TwinError, match=f"data has {said}; "):
         write_report(tmp_path / "report", data, runs)

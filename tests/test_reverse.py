@@ -1,7 +1,6 @@
 """touch2touch the other way: it is validated, says what it is, and gives no counts."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,9 +73,7 @@ def test_what_cannot_be_counts_is_one_sentence(run_dir: Path, counts: np.ndarray
         t2twin.load(run_dir).predict_image(counts)
 
 
-def test_jitter_is_not_put_on_what_is_drawn(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_jitter_is_not_put_on_what_is_drawn(data_dir, tmp_path, monkeypatch):
     seen = []
     step = ImageTranslator.step
 
@@ -101,9 +98,7 @@ def test_jitter_is_not_put_on_what_is_drawn(
     ],
     ids=["estimate", "sample_dense_counts", "tactile_images", "export_onnx", "layout"],
 )
-def test_a_loaded_run_gives_no_counts(
-    ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loaded_run_gives_no_counts(ask, run_dir, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(T2TwinError, match=r"is touch2touch counts-to-image; .* needs"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))

@@ -38,9 +38,7 @@ def without_times(run_dir: Path) -> list[dict]:
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
-def test_stopped_and_resumed_is_as_undisturbed(
-    data_dir: Path, tmp_path: Path, model: Model, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_and_resumed_is_as_undisturbed(data_dir, tmp_path, model, monkeypatch):
     """Killed in its second epoch's validation, it goes on from the last state within this epoch."""
     preset = replace(
         PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1, weight_decay=0.05,
@@ -89,9 +87,7 @@ def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     assert record["val_rmse_counts"] != pytest.approx(rmse[True], rel=1e-6)
 
 
-def test_a_finished_run_says_what_it_is_and_does_nothing_again(
-    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finished_run_says_what_it_is_and_does_nothing_again(data_dir, tmp_path, capsys):
     first = train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2)
     config, log = load_config(tmp_path), records(tmp_path)
     assert config.preset == PRESETS["resnet18"]["smoke"]
@@ -112,9 +108,7 @@ def test_a_finished_run_says_what_it_is_and_does_nothing_again(
     assert (tmp_path / CARD).read_text() == card
 
 
-def test_stops_early_and_keeps_the_best(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stops_early_and_keeps_the_best(data_dir, tmp_path, monkeypatch):
     """Validation is best in epoch 2, then never again: patience 2 ends it after epoch 4."""
     errors = iter([900.0, 500.0, 700.0, 600.0, 100.0])
     weights = []
@@ -131,9 +125,7 @@ def test_stops_early_and_keeps_the_best(
     assert torch.equal(load_file(tmp_path / "best.safetensors")["fc.weight"], weights[1])
 
 
-def test_minutes_bound_the_epochs(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_minutes_bound_the_epochs(data_dir, tmp_path, monkeypatch):
     """Of a schedule over the epochs; a fixed rate is not planned, but stopped when time is over."""
     monkeypatch.setattr(Trainer, "_measure", lambda self: 20.0)
     smoke = PRESETS["resnet18"]["smoke"]
@@ -190,9 +182,7 @@ def test_each_process_takes_its_own_gpu(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
-def test_weights_follow_the_seed_and_leave_torchs_numbers_alone(
-    data_dir: Path, model: Model
-) -> None:
+def test_weights_follow_the_seed_and_leave_torchs_numbers_alone(data_dir, model):
     preset, info = PRESETS[model]["smoke"], load_info(data_dir)
     before, seed = torch.get_rng_state(), torch.initial_seed()
     first, again, other = (

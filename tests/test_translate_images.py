@@ -111,9 +111,7 @@ def test_folder_gives_its_images_sorted(digit: Image.Image, tmp_path: Path) -> N
     assert [path.name for path in found] == ["deep.png", "a.JPG", "b.png", "c.jpeg"]
 
 
-def test_folder_of_many_is_as_one_by_one(
-    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_of_many_is_as_one_by_one(run_dir, data_dir, tmp_path, monkeypatch):
     """More than fits in one batch, and a last batch that is smaller: every row is its image's."""
     monkeypatch.setattr(files, "BATCH_SIZE", 5)
     frames = load_pairs(data_dir, "train", 64, grey=False).images[:23]

@@ -38,9 +38,7 @@ def test_functions_warn_of_images_out_of_distribution(name: str, grey: np.ndarra
 
 
 @pytest.mark.parametrize("target", ["counts", "contact"])
-def test_commands_print_the_warnings_in_one_line_each(
-    target: str, grey: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_print_the_warnings_in_one_line_each(target, grey, capsys):
     main(["translate", "grey.png", "--target", target])
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("t2twin: no background frame") and "grey.png" in lines[1]
@@ -50,9 +48,7 @@ def test_commands_print_the_warnings_in_one_line_each(
     "--verify data --seed 1", "--recipe open --layout cyskin-63",
     "--scale smoke --scheduler tcp://127.0.0.1:1 --workers 2",
 ])  # fmt: skip
-def test_options_without_effect_are_refused(
-    options: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_without_effect_are_refused(options, capsys):
     with pytest.raises(SystemExit):
         main(["simdata", *options.split()])
     said = capsys.readouterr().err

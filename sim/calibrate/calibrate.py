@@ -9,7 +9,6 @@ inversely proportional to its square. For bounds, all presses are fitted twice m
 at the end of their tolerances where presses come out deepest, or shallowest.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
@@ -23,7 +22,7 @@ import numpy as np
 from msgspec import Meta, structs
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError, T2TwinWarning, counted
+from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import atomic_write, write_json
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import is_colored
@@ -45,7 +44,7 @@ from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.tables import read_rows
 
 MIN_TRAINING = 6  # smallest number of places to fit to: each LED's light varies over the gel
-HELD_OUT_SHARE = 3  # by default one in so many presses is held out, the last ones
+HELD_OUT_SHARE = 3  # by default one in so many places is held out, the last ones
 WIDEST = 2.0  # largest visible width of a contact, in diameters (measured: 1.8 at the equator)
 UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by little)
 # Ranges of the units: only responses of one gamma, that of a fit, can be averaged.
@@ -328,9 +327,7 @@ class OpticsScores:
     """Mean scores on the contact crops of the held-out frames."""
 
     calibrated: images.Score  # of the simulated frames
-    cut_and_paste: (
-        images.Score
-    )  # of the training presses' mean change, moved to the held-out positions
+    cut_and_paste: images.Score  # of the training presses' mean change, moved to the held-out ones
     do_nothing: images.Score  # of the background frame
 
 
@@ -419,11 +416,14 @@ def _parts(
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(presses.frames):
         first.setdefault(frame.tobytes(), index)
-    wanted = len(places) // HELD_OUT_SHARE if held_out is None else held_out
+    last, wanted = int(places.max()), held_out or 1
     # Frames of a place are in one part: fitted, if any of them is not among the last ones. Where
-    # these show hardly any other places, the last places are held out.
-    fitted, last = set(places[: max(len(places) - wanted, 0)].tolist()), int(places.max())
-    if 2 * np.count_nonzero(~np.isin(places, [*fitted])) < wanted:
+    # these show hardly any other places, and by default, the last places are held out.
+    fitted = set(places[: max(len(places) - wanted, 0)].tolist())
+    if held_out is None:
+        count = last + 1
+        fitted = set(range(count - max(1, min(count // HELD_OUT_SHARE, count - MIN_TRAINING))))
+    elif 2 * np.count_nonzero(~np.isin(places, [*fitted])) < wanted:
         count = last
         while count and np.count_nonzero(places >= count - 1) <= wanted:
             count -= 1
@@ -433,12 +433,10 @@ def _parts(
         for is_fitted in (True, False)
     )
     if len(fitted) < MIN_TRAINING or not test:
-        least = MIN_TRAINING + (MIN_TRAINING // HELD_OUT_SHARE if held_out is None else held_out)
         raise T2TwinError(
-            f"{folder} holds {len(places)} frames of presses at "
-            f"{counted(last + 1, 'place')}, of which {wanted} are to be held out; at "
-            f"least {MIN_TRAINING} places must be left to fit to, and 1 held out; {least} places "
-            "would do"
+            f"{folder} holds {counted(len(places), 'frame')} of presses at "
+            f"{counted(last + 1, 'place')}, of which {wanted} must be held out; at least "
+            f"{MIN_TRAINING} places must be left to fit to; {MIN_TRAINING + wanted} places would do"
         )
     groups = [[presses.names[index] for index in first.values() if places[index] == place]
               for place in range(last + 1)]  # fmt: skip
@@ -473,14 +471,12 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
         for other in (simulated, pasted, still)
     )
     scores = OpticsScores(*(images.mean_score(scored) for scored in (each, *baselines)))
-    all_poses = np.concatenate([fit.poses, poses])
+    gel, all_poses = presses.sensor.own_gel, np.concatenate([fit.poses, poses])
     diameters_mm = np.concatenate([of.diameters_mm for of in (training, held_out)])
     worst = held_out.names[int(np.argmin([one.psnr_db for one in each]))]
     names = [*training.names, *held_out.names]
     limited = list(compress(names, is_at_limit(all_poses, diameters_mm)))
-    radii_mm, covered, next_mm = images.coverage_of(
-        camera, presses.sensor.own_gel, all_poses, diameters_mm
-    )
+    radii_mm, covered, next_mm = images.coverage_of(camera, gel, all_poses, diameters_mm)
     found = zip(each, held_out.names, *poses.T.tolist(), strict=True)
     return OpticsReport(
         trained=[*training.names],
@@ -588,7 +584,7 @@ def calibrate(
     tolerance: Tolerance | None = DEFAULT_TOLERANCE, sensor: str | Path | GelCamera = SOURCE,
     order: FrameOrder = UPRIGHT,
 ) -> OpticsReport:  # fmt: skip
-    """Fit the presses, score on the last held_out of them by name, then fit all of them.
+    """Fit the presses, score on the last held_out by name (a third of the places), then fit all.
 
     background: a background frame. presses: folder of frames of a ball, in the size of the sensor's
     images, PNG or JPEG, and optionally `forces.csv` (see measurements). camera: its scale and
@@ -601,8 +597,7 @@ def calibrate(
     Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
     """
     own, camera = sensor_and_camera(sensor, camera)
-    if held_out is not None:
-        arguments.whole_number(held_out, "held_out")
+    arguments.whole_number(1 if held_out is None else held_out, "held_out", 1)
     if tolerance is not None:
         arguments.instance(tolerance, "tolerance", Tolerance)
     arguments.function(report, "report")
@@ -626,8 +621,7 @@ def calibrate(
         young_mpa=None if young is None else young.value,
     )
     notes = (*evaluated.notes, *[NOISELESS] * (optics.noise is None))
-    for note in notes:
-        warnings.warn(note, T2TwinWarning, stacklevel=2)
+    warn(*notes)
     return replace(evaluated, optics=optics, uncertainty=uncertainty, notes=notes)
 
 
@@ -649,8 +643,7 @@ def guess_light(
     frame = images.upright_frame(frame, camera)
     images.check_usable(frame, str(background), is_colored(own.background_frame()))
     (frame,), is_marked = images.without_markers([frame], camera)
-    if is_marked:
-        warnings.warn(MARKED, T2TwinWarning, stacklevel=2)
+    warn(MARKED if is_marked else None)
     report(f"sampling {UNIT_COUNT} units of {own.name}, some seconds")
     return mean_light(sample_lights(frame, own, camera))
 

@@ -57,7 +57,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.plan import Batch, load_shape, plan, solids_in
-from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, checked, load_recipe
+from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, check_kinds, checked, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -125,6 +125,7 @@ def make_dataset(
     if recipe == PAPER and scale is None:
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
+    check_kinds(recipe, [sensor.spec.kind for sensor in sensors.by_name.values()])
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
         if workers is not None:

@@ -1,5 +1,6 @@
 """A recipe: the distributions of shapes, positions, forces and light; a bundled or a TOML file."""
 
+from collections.abc import Sequence
 from math import log
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,8 +14,10 @@ from t2twin.core.records import convert, read_toml
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.artifacts import Artifacts
+from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.optical.units import UnitRanges
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"  # the protocol of Grella et al. 2023
@@ -24,6 +27,7 @@ FORMAT = 1
 
 # Limits that have no source are assumed: beyond them a dataset takes weeks, or presses miss.
 MIN_FORCE_SHARE = 0.1  # of a force range that leave_out must leave, in the logarithm of the force
+MAX_PRESSES = 10_000  # of a shape
 MAX_FORCES = 100  # forces in a list, and ranges in leave_out
 SHARE_TOLERANCE = 1e-6  # rounding of a sum of shares
 
@@ -34,7 +38,7 @@ Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
 Reach = Annotated[float, Meta(ge=0.0, le=25.0)]
 Tilt = Annotated[float, Meta(ge=0.0, le=MAX_TILT_DEG)]
 Shapes = Annotated[int, Meta(ge=1, le=1_000_000)]
-Presses = Annotated[int, Meta(ge=1, le=10_000)]
+Presses = Annotated[int, Meta(ge=1, le=MAX_PRESSES)]
 Frames = Annotated[int, Meta(ge=1, le=10_000)]
 Length = Annotated[float, Meta(ge=0.01, le=25.0)]
 Turn = Annotated[float, Meta(ge=0.1, le=180.0)]
@@ -228,12 +232,17 @@ EFFECTS = (
     ("light.artifacts", "drift_grey", 0, "drift_even_part"),
 )
 """Of a table, the amounts of an effect, the value of all that disables it, and its details."""
+# Keys that have an effect on sensors of a kind only
+KINDS = {
+    GEL_CAMERA: ("contact_maps", "light.kind", "motion.markers", "motion.gel_friction"),
+    TAXEL_ARRAY: ("motion.cover_friction",),
+}
 NEEDS = {0: "above 0", 1: "below 1", "fixed": '= "drawn"'}  # by the value that disables an effect
 
 
 def _defaults(record: Struct) -> dict[str, object]:
-    """The default of each field of a record, all of which have one."""
-    return dict(zip(record.__struct_fields__, record.__struct_defaults__, strict=True))
+    """The default of each field of a record that has one."""
+    return dict(zip(record.__struct_fields__[::-1], record.__struct_defaults__[::-1], strict=False))
 
 
 def _check_effects(table: str, record: Struct) -> None:
@@ -245,6 +254,15 @@ def _check_effects(table: str, record: Struct) -> None:
                 if getattr(record, name) != _defaults(record)[name]:
                     needed = f"{amounts.replace(' ', ' or ')} {NEEDS[off]}"
                     raise T2TwinError(f"{name} of {table} needs {needed}")
+
+
+def check_kinds(recipe: "Recipe", kinds: Sequence[str]) -> None:
+    """Raises T2TwinError for a key without effect on the pair of sensors of these kinds."""
+    for key, needed in ((key, kind) for kind in KINDS if kind not in kinds for key in KINDS[kind]):
+        *table, name = key.split(".")
+        record = getattr(recipe, table[0]) if table else recipe
+        if record and getattr(record, name) not in (False, _defaults(record)[name]):
+            raise T2TwinError(f"{key} needs a {needed.replace('-', ' ')}; neither sensor is one")
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -280,9 +298,10 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
         if self.motion and len(own) == len(self.parts):
             raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
-        presses = max(part.presses or 1 for part in self.parts)
-        if self.motion and self.motion.still < 1.0 and presses == 1:
-            raise T2TwinError("motion has no effect: a path needs two touches, and presses is 1")
+        presses = min(part.presses or MAX_PRESSES for part in self.parts)
+        if self.motion and self.motion.still < 1.0 and presses <= self.motion.steps[0]:
+            needed = f"motion needs {self.motion.steps[0] + 1} presses or more, by its steps"
+            raise T2TwinError(f"{needed}; a part has {presses}")
         if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
             raise T2TwinError(
                 f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.adaptation import real_frame_evaluation as check
+from t2twin.calibration import background_warnings
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
@@ -44,7 +45,7 @@ from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.inference.load import contact_warnings, load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
@@ -170,7 +171,7 @@ def adapt(
     )  # fmt: skip
     out, digest = config.out, config.digest(given)
     fitted = _existing_fit(out, digest, given)
-    for warning in contact_warnings(given.background, str(config.background), config.source):
+    for warning in background_warnings(config.background, order, camera, gel_camera.name):
         report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):

@@ -23,15 +23,15 @@ class FitOptions:
     Args:
         background: A background frame of the unit, in the size of the sensor's images or larger.
         sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
-        held_out: Number of presses, the last by name, that are scored and not fitted; default: a
-            third.
+        held_out: Number of presses, the last by name, that are scored and not fitted; default:
+            those at a third of the places.
         scale_px_per_mm: Image scale in the middle of the gel; default: of the sensor's file. It is
             fitted if displacements are measured.
-        ball_tolerance_mm: Largest error of the diameters, mm.
+        ball_tolerance_mm: Largest error of the diameters, mm; default: 0.1.
         scale_tolerance_px_per_mm: Largest error of the scale, without measured displacements;
             default: as far as the sensor's file lets units differ, or a tenth.
-        depth_tolerance_mm: Largest error of measured displacements, mm.
-        force_tolerance_n: Largest error of measured forces, N.
+        depth_tolerance_mm: Largest error of measured displacements, mm; default: 0.03.
+        force_tolerance_n: Largest error of measured forces, N; default: 0.05.
         young_tolerance_mpa: Largest error of the modulus in the sensor's file, without measured
             forces; default: a fifth.
     """
@@ -40,22 +40,26 @@ class FitOptions:
     sensor: str = SOURCE
     held_out: int | None = None
     scale_px_per_mm: float | None = None
-    ball_tolerance_mm: float = 0.1
+    ball_tolerance_mm: float | None = None
     scale_tolerance_px_per_mm: float | None = None
-    depth_tolerance_mm: float = 0.03
-    force_tolerance_n: float = 0.05
+    depth_tolerance_mm: float | None = None
+    force_tolerance_n: float | None = None
     young_tolerance_mpa: float | None = None
     order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT
+
+    @property
+    def own_tolerances(self) -> dict[str, float]:
+        """The given tolerances, by the name of the option."""
+        options = {name: value for name, value in vars(self).items() if "_tolerance_" in name}
+        return {name: value for name, value in options.items() if value is not None}
 
     @property
     def tolerance(self) -> "Tolerance":
         """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
         from t2twin.sim.calibrate.calibrate import Tolerance
 
-        return Tolerance(
-            self.ball_tolerance_mm, self.scale_tolerance_px_per_mm, self.depth_tolerance_mm,
-            self.force_tolerance_n, self.young_tolerance_mpa,
-        )  # fmt: skip
+        given = self.own_tolerances
+        return Tolerance(**{name.replace("_tolerance", ""): given[name] for name in given})
 
     @property
     def camera(self) -> "Camera":
@@ -91,8 +95,12 @@ def calibrate(
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import result_folder
 
-    if (presses is None) != (ball_diameter_mm is None):
-        raise T2TwinError("expected both --presses and --ball-diameter-mm, or none of them")
+    of_fit = {"ball_diameter_mm": ball_diameter_mm, "held_out": fit.held_out, **fit.own_tolerances}
+    given = [name.replace("_", "-") for name, value in of_fit.items() if value is not None]
+    if presses is None and given:
+        raise T2TwinError(f"--{given[0]} is of a fit, which needs --presses")
+    if presses is not None and ball_diameter_mm is None:
+        raise T2TwinError("--presses needs --ball-diameter-mm")
     background, camera, sensor = fit.background, fit.camera, fit.sensor
     names = ["optics.npz"]
     if presses is not None:

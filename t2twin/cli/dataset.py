@@ -79,24 +79,28 @@ def _refuse(given: set[str]) -> None:
     """Raises T2TwinError for options that have no effect beside another one."""
     of_recipe = {"layout", "optics", "renderer", "imperfections"}
     for option, others in (("verify", given), ("recipe", of_recipe)):
-        found = ", ".join(f"--{name}" for name in sorted(given & others - {option}))
+        found = [f"--{name}" for name in sorted(given & others - {option})]
         if option in given and found:
-            raise T2TwinError(f"{found} has no effect beside --{option}; leave out one of them")
+            has = f"{', '.join(found)} {'has' if len(found) == 1 else 'have'}"
+            raise T2TwinError(
+                f"{has} no effect beside --{option}; leave out --{option} or the rest"
+            )
 
 
 def _verify(folder: Path) -> int:
     """Check a dataset; returns the exit status."""
     import t2twin
-    from t2twin.sim.dataset.store import read_info
+    from t2twin.sim.dataset.store import INFO, read_info
 
     faults = t2twin.verify_dataset(folder)
     for fault in faults:
         print(fault)
     info = read_info(folder)
     if faults:
-        repair = "; the same `t2twin simdata` remakes only these" if info.is_simulated else ""
-        damaged = counted(len({fault.part for fault in faults}), "file")
-        print(f"{folder} is damaged in {damaged}{repair}")
+        damaged = {fault.part for fault in faults}
+        own = counted(len(damaged & {INFO, *info.shards}), "file")
+        repair = f"; the same `t2twin simdata` remakes {own}" if info.is_simulated else ""
+        print(f"{folder} is damaged in {counted(len(damaged), 'file')}{repair * (own[0] != '0')}")
         return 1
     print(f"{folder} is complete: {_pairs(info)} pairs, {_size(folder, info)}")
     return 0

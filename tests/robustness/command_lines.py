@@ -61,7 +61,7 @@ export --out x.onnx --run | nowhere => nowhere | {data} => config.json | fild =>
 report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => --runs
 import-pairs --out out | nowhere.csv => nowhere.csv | /dev/null => csv
 convert | {data} --to zarr --out x | --to lerobot --out x nowhere => no dataset
-calibrate --out out --background none.png | => none.png | --ball-diameter-mm 4 => --presses
+calibrate --out out --background none.png | => none.png | --held-out 2 => --presses
 ADAPT | --model resnet => model | --init-from gone => gone | --out presses => presses
 studio | --run nowhere => nowhere | --source nowhere => no source | --host nowhere => cannot listen
 LIVE | nowhere => no source | /dev/zero => no source | d --background d/x.png => field run

@@ -18,7 +18,7 @@ import torch
 from PIL import Image
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import result_folder, sha256_of, write_json
 from t2twin.core.tables import markdown
 from t2twin.sim.dataset.info import COUNTS, IMAGE, CameraInfo, DatasetInfo
@@ -116,6 +116,9 @@ def prepare(
                 f"{run.run_dir} predicts {own.target.words} from {own.source.words}; "
                 f"{data_dir} has {info.source.words} and {info.target.words}"
             )
+        if own.source.name != info.source.name:
+            found = f"{own.source.name}, and {data_dir} is of {info.source.name}"
+            warn(f"{run.run_dir} is trained on {found}; its errors are those on another sensor")
     applied = trained = dict(zip(run_names(loaded), loaded, strict=True))
     if loaded[0].config.is_image_to_counts:
         applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
