@@ -154,7 +154,7 @@ def adapted_run(unit, tmp_path_factory):
     out = tmp_path_factory.mktemp("adapted") / "out"
     fit = pipeline.calibrate
 
-    def calibrate(background, presses, ball_mm, held_out, camera, report, tolerance, sensor):
+    def calibrate(background, presses, ball_mm, held_out, camera, report, tolerance, sensor, _):
         assert (background, presses) == (unit / "background.png", unit)
         assert (ball_mm, held_out) == (BALL_MM, HELD_OUT)
         assert (camera, tolerance) == (sensor.camera, DEFAULT_TOLERANCE)
