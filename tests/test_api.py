@@ -9,8 +9,8 @@ import pytest
 import t2twin
 
 PUBLIC = {
-    "AttachedSensor", "Contact", "Elastomer", "Layout", "PressCommand", "Recipe", "Shape",
-    "T2TwinError", "T2TwinWarning", "Touch", "TrainedTranslator", "Twin", "adapt", "attach",
+    "AttachedSensor", "Contact", "Elastomer", "FrameOrder", "Layout", "PressCommand", "Recipe",
+    "Shape", "T2TwinError", "T2TwinWarning", "Touch", "TrainedTranslator", "Twin", "adapt", "attach",
     "calibrate", "evaluate",
     "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
     "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "read_all",

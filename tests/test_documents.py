@@ -39,6 +39,7 @@ NOT_RUN = (
     "source ", "make ", "pip ", "dask ", "torchrun ", "python ", "t2twin adapt",
     "t2twin calibrate --background background.png --presses", "t2twin calibrate-uncertainty",
     "t2twin convert", "t2twin evaluate runs/", "t2twin live 0", "t2twin live frames/ --run",
+    "t2twin report --data",
     "t2twin simdata --scale", "t2twin simdata --recipe", "t2twin studio", "t2twin train",
     "t2twin translate image.png --background background.png --target contact",
 )  # fmt: skip

@@ -19,7 +19,7 @@ class T2TwinWarning(UserWarning):
 def warn(*messages: str | None) -> None:
     """Warn with T2TwinWarning of each message but None, at the line of the user's code."""
     frame, level = sys._getframe(), 1  # pyright: ignore[reportPrivateUsage]
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("t2twin."):
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("t2twin."):
         frame, level = frame.f_back, level + 1
     for message in filter(None, messages):
         warnings.warn(message, T2TwinWarning, stacklevel=level)

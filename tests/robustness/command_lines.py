@@ -70,7 +70,7 @@ LIVE | http://127.0.0.1:9/x.mp4 => no source | d --layout cyskin-63 => ResNet18
 """Start of a command line, then ends of it, each with a part of the expected message."""
 
 FINE = """
-PRESS --yaw-deg 360000 | PRESS --force-n 8e-1 | PRESS --x-mm -0.0 | PRESS --sensor target
+PRESS --yaw-deg 36000 | PRESS --force-n 8e-1 | PRESS --x-mm -0.0 | PRESS --sensor target
 press circle-1 --out 'mein Ordner/für später' | TRAIN --minutes 0.001
 PRESS --source cyskin --target digit | PRESS --source digit --target digit
 PRESS --yaw_deg 3 --sensor=cyskin | --version | simdata --help | simdata --verify {data}

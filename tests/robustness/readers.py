@@ -311,7 +311,7 @@ WRITERS = {
     "convert": "convert {data} --to lerobot --out",
     "import-pairs": "import-pairs pairs.csv --out", "calibrate": CALIBRATE.removesuffix(" out"),
 }  # fmt: skip
-KEPT = ("convert", "import-pairs", "simdata", "train", "press", "slide")
+KEPT = ("convert", "import-pairs", "simdata", "train")
 """Commands that write to empty folders only."""
 
 
@@ -328,7 +328,7 @@ def places() -> Iterator[Case]:
     yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
     export = WRITERS["export"]
     taken = laid({"taken/x": "mine"})
-    yield Case("export to a folder", f"{export} taken", taken, "already exists")
-    yield Case("export to a file", f"{export} file", laid(INPUTS), "already exists")
+    yield Case("export to a folder", f"{export} taken", taken, "is a folder")
+    yield Case("export to a file", f"{export} file", laid(INPUTS), "file exists")
     for words in ("new/folders/x.onnx", "ü🖐.onnx", "file --force"):
         yield Case(words, f"{export} {words}", laid(INPUTS), fine=True)

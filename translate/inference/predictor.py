@@ -21,6 +21,7 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
+from t2twin.core.images import is_noise
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
@@ -387,8 +388,10 @@ class TrainedTranslator:
         """How a frame is probably stored, (h, w) or (h, w, 3) uint8; best a background frame.
 
         In this order it is clearly most like the upright frames of the training, to the frame
-        check. UPRIGHT if none is, and of a run without a frame check.
+        check. UPRIGHT if none is, of noise, and of a run without a frame check.
         """
+        if is_noise(frame):
+            return UPRIGHT
         return self._order(resized([frame], self.config.preset.size, False).tobytes())
 
     @cached_property

@@ -42,10 +42,9 @@ MAX_UNPATTERNED_GREY = 5.0
 MIN_PATTERN = 0.04
 PATTERN_PX = 96  # Images of twice this side or more are averaged before patterns are compared
 # Largest searched shift of a pattern, its pixels; its correlation there, and how far it exceeds
-# that without a shift, from which a frame or a half of it is shifted (assumed). Measured with 60
-# sampled units and a real one: at most 0.015 further in right frames; at least 0.027 in all frames
-# shifted by 10 pixels, and in four fifths of real ones whose lower half is shifted by 40
-MAX_SHIFT, MIN_SHIFTED, MIN_GAIN = 24, 0.035, 0.025
+# that without a shift, from which a frame or a half of it is shifted (assumed). Measured with 40
+# sampled units: at most 0.041 further in right frames; 0.2 in the median frame shifted by 10 pixels
+MAX_SHIFT, MIN_SHIFTED, MIN_GAIN = 24, 0.05, 0.05
 ASPECT_TOLERANCE = 0.02  # Relative, of an image's width over its height (assumed: 5 px of 240)
 # An image is transformed if undoing the transform reduces that difference below this share of it
 # (assumed), or if the fixed patterns are then the same. It is not if they are the same before
