@@ -53,6 +53,7 @@ from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.ood import (
+    INVERSE_TRANSFORMS,
     MAX_BACKGROUNDS,
     OODClass,
     classify_frame,
@@ -67,9 +68,10 @@ FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contai
 # Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
 # 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
 SURE = 3.0
-# Difference of the logarithms of the odds from which another order of a frame is clearly more
-# likely (assumed; measured on 20 public units: at most 0 for the right order)
-CLEAR = 2.0
+# Differences of the logarithms of the odds from which another order of a frame is more likely, of
+# a frame that is wrong in some way, and of any (assumed). Measured: at most 0 for the right order of
+# 20 public units; above 6 for 1 % of sampled ones
+LIKELY, CLEAR = 2.0, 6.0
 # Share of the training's highest force above which a predicted one may be of any higher force:
 # `field` predicts 15 to 17 N for 20 N (assumed)
 NEAR_HIGHEST = 0.97
@@ -354,7 +356,7 @@ class TrainedTranslator:
         outside = (force_n > NEAR_HIGHEST * known[1]) | too_low
         touched = [has_frames and self._touched(frame.tobytes()) for frame in frames]
         for n, named in enumerate(found):
-            if named in VAGUE and has_frames and self._order(frames[n].tobytes()) != UPRIGHT:
+            if named in VAGUE and has_frames and self._order(frames[n].tobytes())[1] > CLEAR:
                 found[n] = OODClass.OTHER_ORDER
             elif named in VAGUE and touched[n]:
                 found[n] = OODClass.TOUCHED_BACKGROUND
@@ -374,7 +376,8 @@ class TrainedTranslator:
         frame = images[wrong[0]] if background is None and wrong else background
         if isinstance(frame, Path):
             frame = read_image(frame, order)
-        found = UPRIGHT if frame is None else self.order_of(frame)
+        kinds = {*classes} & {*INVERSE_TRANSFORMS, *VAGUE[1:], OODClass.OTHER_ORDER}
+        found = UPRIGHT if frame is None else self.order_of(frame, LIKELY if kinds else CLEAR)
         if found == UPRIGHT:
             return None
         if order != UPRIGHT:
@@ -384,30 +387,32 @@ class TrainedTranslator:
             "FrameOrder of functions)"
         )
 
-    def order_of(self, frame: np.ndarray) -> FrameOrder:
+    def order_of(self, frame: np.ndarray, least: float = CLEAR) -> FrameOrder:
         """How a frame is probably stored, (h, w) or (h, w, 3) uint8; best a background frame.
 
-        In this order it is clearly most like the upright frames of the training, to the frame
-        check. UPRIGHT if none is, of noise, and of a run without a frame check.
+        In this order it is most like the upright frames of the training, to the frame check.
+        UPRIGHT where the logarithm of the odds exceeds that of UPRIGHT by less than `least`, of
+        noise, and of a run without a frame check.
         """
         if is_noise(frame):
             return UPRIGHT
-        return self._order(resized([frame], self.config.preset.size, False).tobytes())
+        order, more = self._order(resized([frame], self.config.preset.size, False).tobytes())
+        return order if more > least else UPRIGHT
 
     @cached_property
-    def _order(self) -> Callable[[bytes], FrameOrder]:
-        """As `order_of`, of (S, S, 3) uint8. A frame that returns is compared once."""
+    def _order(self) -> Callable[[bytes], tuple[FrameOrder, float]]:
+        """The likeliest order of a frame, (S, S, 3) uint8, and its logarithm of the odds less that
+        of UPRIGHT. A frame that returns is compared once."""
         check, size = self._frame_check, self.config.preset.size
         orders = [FrameOrder(*each) for each in product(TURNS_DEG, (False, True), (False, True))]
 
         @lru_cache(MAX_BACKGROUNDS)
-        def order(content: bytes) -> FrameOrder:
+        def order(content: bytes) -> tuple[FrameOrder, float]:
             frame = np.frombuffer(content, np.uint8).reshape(size, size, COLORS)
             if check is None:
-                return UPRIGHT
+                return UPRIGHT, 0.0
             odds = check.transform_odds(np.stack([each.upright(frame) for each in orders]))
-            is_clear = odds[0] - odds.min() > CLEAR  # the first is UPRIGHT
-            return orders[int(odds.argmin())] if is_clear else UPRIGHT
+            return orders[int(odds.argmin())], float(odds[0] - odds.min())  # the first is UPRIGHT
 
         return order
 
