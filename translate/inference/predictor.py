@@ -69,9 +69,9 @@ FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contai
 # 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
 SURE = 3.0
 # Differences of the logarithms of the odds from which another order of a frame is more likely, of
-# a frame that is wrong in some way, and of any (assumed). Measured: at most 0 for the right order of
-# 20 public units; above 6 for 1 % of sampled ones
-LIKELY, CLEAR = 2.0, 6.0
+# a frame that is wrong in some way, and of any (assumed). Measured: at most 0 for the right order
+# of 20 public units; above 8 for 0.5 % of sampled ones
+LIKELY, CLEAR = 2.0, 8.0
 # Share of the training's highest force above which a predicted one may be of any higher force:
 # `field` predicts 15 to 17 N for 20 N (assumed)
 NEAR_HIGHEST = 0.97
