@@ -116,9 +116,7 @@ def stopped_after_an_epoch() -> Iterator[None]:
             yield
 
 
-def _spot(
-    shape: str, family: str, split: str, index: int, rng: np.random.Generator, force_n: float
-) -> dict:
+def _spot(shape, family, split, index, rng, force_n) -> dict:
     """One row of the table; what a translator does not read is false or zero."""
     layout = load_layout(LAYOUT)
     x_mm, y_mm = rng.uniform(-6, 6), rng.uniform(-12, 12)

@@ -1,5 +1,6 @@
 """Translation between any two kinds of sensors: from images or counts to images or counts."""
 
+import re
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -181,9 +182,7 @@ def test_a_stopped_training_of_colors_resumes_as_undisturbed(tmp_path: Path) -> 
         ("field", "counts", "counts", "field has no direction counts-to-counts; it has image-to-"),
     ],
 )
-def test_a_pair_that_a_model_does_not_take_is_one_sentence(
-    tmp_path: Path, model: str, source: str, target: str, said: str
-) -> None:
+def test_a_pair_that_a_model_does_not_take_is_one_sentence(tmp_path, model, source, target, said):
     data = write(tmp_path / "data", source, target)
     with pytest.raises(T2TwinError, match=said):
         train(model, data, "smoke", tmp_path / "run")
@@ -218,13 +217,29 @@ def test_counts_are_read_from_files(trained, tmp_path: Path, capsys) -> None:
     assert "3 readings translated" in capsys.readouterr().out
     files = {path.name for path in (tmp_path / "out").glob("[!.]*")} - {"counts.csv"}
     assert files == {"some.png", "some-2.png", "one.png"}
-    found = translate_readings(
-        run_dir, [tmp_path / "some.csv", tmp_path / "one.npy"], tmp_path / "again", png=False
-    )
+    given, to_counts = [tmp_path / "some.csv", tmp_path / "one.npy"], info.target.value == "counts"
+    found = translate_readings(run_dir, given, tmp_path / "again", png=not to_counts)
     np.testing.assert_array_equal(found, run.predict(counts))
-    assert (tmp_path / "out" / "counts.csv").is_file() == (info.target.value == "counts")
-    (tmp_path / "bare.csv").write_text("\n".join(lines[1:]))
-    for name, said in (("bare.csv", "with the columns"), ("some.txt", "there is no file")):
-        with pytest.raises(T2TwinError, match=said):
-            translate_readings(run_dir, [tmp_path / name], tmp_path / "nothing")
-    assert not (tmp_path / "nothing").exists()
+    assert (tmp_path / "out" / "counts.csv").is_file() == to_counts
+    head, line, turned = ";".join(names), ";".join(["7"] * len(names)), ["--turn-deg", "90"]
+    np.save(tmp_path / "none.npy", counts[:0])
+    contents = {
+        "\n".join(lines[1:]): "it has 0 columns taxel_0", head: "it has no reading",
+        f"{head}\n{line}\n{line[1:]}": "line 3: taxel_0 has no number",
+        f"{head}\n-{line}": "line 2: taxel_0 has -7; expected 0 to",
+        f"{head}\n{line}99999": f"line 2: {names[-1]} has 799,999; expected 0 to",
+        f"{head.title()}\n{line}": "it has 1 columns Taxel_0",
+        f"{head};taxel_0\n{line};7": "it has 2 columns taxel_0",
+    }  # fmt: skip
+    for number, content in enumerate(contents):
+        (tmp_path / f"{number}.csv").write_text(content)
+    refused = [(f"{number}.csv", [], said) for number, said in enumerate(contents.values())]
+    refused += [("none.npy", [], "no reading"), ("some.txt", [], "there is no file"),
+                ("one.npy", turned, "90 is for images; .* translates counts")]  # fmt: skip
+    refused += [("one.npy", ["--no-png"], "is for predicted counts")] * (not to_counts)
+    command = ["translate", "--run", str(run_dir), "--out", "no"]
+    for name, options, said in refused:
+        with pytest.raises(SystemExit):
+            main([*command, str(tmp_path / name), *options])
+        assert re.search(said, capsys.readouterr().err), said
+    assert not Path("no").exists()

@@ -14,9 +14,7 @@ from t2twin.translate.runs.checkpoint import TRANSLATORS
 CPU = torch.device("cpu")
 
 
-def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
-    moving_dataset: Path, tmp_path: Path
-) -> None:
+def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(moving_dataset, tmp_path) -> None:
     preset = PRESETS["field"]["smoke"]
     pairs = load_pairs(moving_dataset, "train", preset.size, False, tmp_path, True)
     translator = TRANSLATORS["counts"]["field"](preset, load_info(moving_dataset), CPU, False)

@@ -175,9 +175,7 @@ def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
 
 
-def test_the_command_writes_depth_and_contact_of_each_image(
-    alone, images, tmp_path, capsys
-) -> None:
+def test_the_command_writes_depth_and_contact_of_each_image(alone, images, tmp_path, capsys):
     frames, background = images
     for name, each in (("a", frames[0]), ("b", frames[1]), ("background", background)):
         Image.fromarray(each).save(tmp_path / f"{name}.png")
@@ -199,6 +197,13 @@ def test_the_command_writes_depth_and_contact_of_each_image(
     rows = list(csv.DictReader(Path("out/contacts.csv").read_text().splitlines()))
     assert [row["image"] for row in rows] == ["a.png", "b.png"]
     assert float(rows[0]["force_n"]) == pytest.approx(float(contact.force_n), abs=1e-3)
+    line = line.replace("b.png", "a.png --no-png").replace("out out", "out few")
+    main([*line.split(), str(alone)])
+    written = {path.name for path in Path("few").iterdir() if not path.name.startswith(".")}
+    assert written == {"a.npz", "a.json", "a-2.npz", "a-2.json", "contacts.csv"}
+    rows = list(csv.DictReader(Path("few/contacts.csv").read_text().splitlines()))
+    assert [row["contact"] for row in rows] == ["a", "a-2"] and rows[0]["ood_class"]
+    assert json.loads(Path("few/a-2.json").read_text())["image"] == "a.png"
 
 
 def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:

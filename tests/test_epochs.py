@@ -32,9 +32,7 @@ def without_times(run_dir: Path) -> list[tuple]:
         (38, 9, 38),
     ],
 )
-def test_an_epoch_is_all_of_the_data_or_a_twelfth_of_the_steps(
-    batches: int, budget: int, steps: int
-) -> None:
+def test_an_epoch_is_all_of_the_data_or_a_twelfth_of_the_steps(batches, budget, steps) -> None:
     assert steps_of_epoch(batches, budget) == steps
 
 
@@ -62,9 +60,7 @@ def test_in_more_steps_the_discriminator_learns_as_much_in_all() -> None:
     assert for_steps(resnet18, 3 * resnet18.steps) == resnet18
 
 
-def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(data_dir, tmp_path, monkeypatch):
     """Short epochs resume as whole ones do, at the length that the run began with."""
     monkeypatch.setattr("t2twin.translate.training.train.MIN_STEPS", 2)
     monkeypatch.setattr("t2twin.translate.training.train.MIN_EPOCHS", 4)

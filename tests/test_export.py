@@ -69,18 +69,16 @@ def test_file_says_what_it_is(run_dir: Path, session) -> None:
     assert "[0, 1]" in session.get_modelmeta().description
 
 
-def test_command_writes_into_the_runs_folder(
-    run_dir: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_writes_into_the_runs_folder(run_dir: Path, capsys) -> None:
     main(["export", "--run", str(run_dir)])
     path = run_dir / f"{run_dir.name}.onnx"
     onnx.checker.check_model(path, full_check=True)
     assert f"written to {path}" in capsys.readouterr().out
 
 
-def test_missing_package_and_run_get_a_sentence(
-    run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_package_run_and_suffix_get_a_sentence(run_dir, tmp_path, monkeypatch) -> None:
+    with pytest.raises(T2TwinError, match=r"q\.json is no name of an ONNX file; expected"):
+        export_onnx(load_run(run_dir), tmp_path / "q.json")
     with pytest.raises(T2TwinError, match="has no config"):
         load_run(tmp_path)
     monkeypatch.setitem(sys.modules, "onnx", None)
@@ -103,14 +101,11 @@ def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
     assert result["metrics"][0]["value"] == pytest.approx(best["val_rmse_counts"], abs=0.1)
     config = load_config(run_dir)
     for words in (
-        config.data.sha256,
-        "32 train, 12 val, 8 test",
+        config.data.sha256, "32 train, 12 val, 8 test", f"epoch {best['epoch']} of 3",
         "| made by | the paper's protocol, scale smoke |",
-        f"epoch {best['epoch']} of 3",
         f"| learning_rate | {PRESETS[run_dir.name]['smoke'].learning_rate:g} |",  # pyright: ignore[reportArgumentType]
-        "arXiv:2411.02187",
-        "## Limits",
-    ):
+        "arXiv:2411.02187", "## Limits",
+    ):  # fmt: skip
         assert words in text, words
 
 

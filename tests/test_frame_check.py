@@ -66,9 +66,7 @@ def test_stored_frames_are_named_and_put_right(order: FrameOrder, tmp_path: Path
     np.testing.assert_allclose(counts[0], expected, rtol=1e-4, atol=0.01)
 
 
-def test_a_run_gets_a_check_that_its_predictions_use(
-    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_gets_a_check_that_its_predictions_use(moving_dataset, tmp_path, monkeypatch):
     ignored = shutil.ignore_patterns(FRAME_CHECK)
     run_dir = shutil.copytree(HOME / "field", tmp_path / "run", ignore=ignored)
     fitting.fit_frame_check(run_dir, moving_dataset)
@@ -118,6 +116,8 @@ def test_turned_frames_are_named_without_a_background_and_with_one_turned_alike(
     frame, background = twin.press("hemisphere-2", force_n=8.0, x_mm=3.0).image, twin.background
     assert run.classify_frames(frame) == [OODClass.IN_DISTRIBUTION]
     assert run.classify_frames(frame, background) == [OODClass.IN_DISTRIBUTION]
+    for none in ([], np.zeros((0, 320, 240, 3), np.uint8)):
+        assert run.predict(none).shape == run.predict(none, background).shape == (0, 20)
     for kind, transform in FORWARD.items():
         turned, behind = (transform(each[None])[0].copy() for each in (frame, background))
         assert run.classify_frames(turned) == [kind], kind
@@ -165,9 +165,7 @@ def colored(rng: np.random.Generator, number: int) -> np.ndarray:
     return (light + noise).clip(0.0, 1.0).astype(np.float32)
 
 
-def test_transforms_of_fresh_frames_are_named(
-    moving_dataset: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_transforms_of_fresh_frames_are_named(moving_dataset, monkeypatch) -> None:
     rng, check = np.random.default_rng(0), FrameCheck(2)
     parts = {split: colored(rng, 300) for split in ("train", "val")}
     monkeypatch.setattr(fitting, "_small_frames", lambda _, split, *__: parts[split])

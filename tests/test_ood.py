@@ -91,6 +91,15 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     assert "unlike" not in capsys.readouterr().err
 
 
+def test_a_run_without_statistics_names_faults_and_compares_nothing(untrained_runs):
+    even = np.full((320, 240, 3), 90, np.uint8)
+    for trained in map(load, untrained_runs):
+        with pytest.warns(T2TwinWarning, match=r"1 of 2 images is unlike .* \(1 black\)"):
+            found = trained.estimate([even, 0 * even])
+        assert found.ood_class.tolist() == ["not compared with training images", "black"]
+        assert [each.entry["in_distribution"] for each in found.ood_class] == [None, False]
+
+
 def test_config_keeps_it(run, tmp_path):
     config = load_config(run[1])
     assert config.ood_detector is not None

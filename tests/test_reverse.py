@@ -1,6 +1,5 @@
 """touch2touch the other way: it is validated, says what it is, and gives no counts."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,8 +38,7 @@ def test_training_is_validated_by_its_pictures(data_dir: Path, run_dir: Path) ->
     rmse = np.sqrt(np.square(drawn - pairs.images[:][..., 0]).mean())
     assert best.val_rmse_grey == pytest.approx(rmse, abs=0.1)
     assert best.val_rmse_percent == pytest.approx(100 * rmse / 255, abs=0.05)
-    first = json.loads((run_dir / "log.jsonl").read_text().splitlines()[0])
-    assert "val_rmse_counts" not in first and first["val_rmse_grey"] > 0
+    assert best.val_rmse_counts is None
 
 
 def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
@@ -50,9 +48,8 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
     assert one.shape == (32, 32) and one.dtype == np.uint8
     assert several.shape == (2, 32, 32) and several.dtype == np.uint8
     assert np.array_equal(several[0], one) and not np.array_equal(several[1], one)
-    assert np.array_equal(
-        run.predict_image(counts.astype(np.uint16)), run.predict_image(counts // 1)
-    )
+    whole = counts.astype(np.uint16)
+    assert np.array_equal(run.predict_image(whole), run.predict_image(counts // 1))
     assert run.predict_image(np.empty((0, 20))).shape == (0, 32, 32)
 
 

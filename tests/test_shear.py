@@ -51,9 +51,7 @@ def still_run(moving_dataset: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="module")
-def run_dir(
-    moving_dataset: Path, still_run: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def run_dir(moving_dataset, still_run, tmp_path_factory) -> Path:
     """A run that predicts the shear force, from the weights of one that does not."""
     folder = tmp_path_factory.mktemp("trained") / "run"
     train("field", moving_dataset, "smoke", folder, epochs=1, init_from=still_run)
@@ -140,9 +138,7 @@ def test_overfits_one_batch() -> None:
     assert losses[-1] < 0.1 * losses[0]
 
 
-def test_a_trained_run_predicts_it_in_both_engines(
-    run_dir: Path, moving_dataset: Path, tmp_path: Path
-) -> None:
+def test_a_trained_run_predicts_it_in_both_engines(run_dir, moving_dataset, tmp_path) -> None:
     pytest.importorskip("onnxruntime")
     run = load_run(run_dir).need_uncertainty("the test")
     pairs = load_pairs(moving_dataset, "val", SMOKE.size, False, tmp_path, True)
@@ -159,9 +155,7 @@ def test_a_trained_run_predicts_it_in_both_engines(
         np.testing.assert_allclose(other, own, atol=tolerance)
 
 
-def test_evaluation_separates_moving_touches(
-    run_dir: Path, moving_dataset: Path, tmp_path: Path
-) -> None:
+def test_evaluation_separates_moving_touches(run_dir, moving_dataset, tmp_path) -> None:
     result = evaluate([run_dir], moving_dataset, "val", tmp_path)
     row = result.models["field"]
     assert row.by_motion is not None and row.shear is not None

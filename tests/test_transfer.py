@@ -1,7 +1,5 @@
 """The benchmark of models that are learned on true counts: their scores and examples."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -113,9 +111,7 @@ def test_examples_of_slip_have_the_press_and_the_touch() -> None:
     assert found.labels.values.tolist() == [1, 0] and found.shapes.tolist() == ["a", "b"]
 
 
-def test_tasks_follow_from_datasets_and_a_translator(
-    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tasks_follow_from_datasets_and_a_translator(moving_dataset, tmp_path, monkeypatch) -> None:
     """Finished datasets are used as they are."""
     monkeypatch.setattr(transfer_data, "SPLITS", ("train", "val"))
     pair = Pair("digit", "cyskin-20", "field", "small", random_shapes=3)

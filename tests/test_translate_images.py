@@ -12,7 +12,7 @@ from PIL import Image
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.data.images import to_input
+from t2twin.translate.data.images import open_image, to_input
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.inference import files
 from t2twin.translate.inference.files import find_images, translate_images
@@ -64,7 +64,6 @@ NO_IMAGES: dict[str, tuple[object, str]] = {
     "tensor": (torch.zeros((32, 24, 3), dtype=torch.uint8), "of type Tensor"),
     "None in a list": ([np.zeros((32, 24), np.uint8), None], r"images\[1\] is None"),
 }  # fmt: skip
-"""Values that are no images, and a part of the sentence."""
 
 
 @pytest.mark.parametrize("name", NO_IMAGES)
@@ -109,6 +108,8 @@ def test_folder_gives_its_images_sorted(digit: Image.Image, tmp_path: Path) -> N
     digit.save(tmp_path / "below" / "deep.png")
     found = find_images([tmp_path / "below" / "deep.png", tmp_path])
     assert [path.name for path in found] == ["deep.png", "a.JPG", "b.png", "c.jpeg"]
+    with pytest.raises(T2TwinError, match=r"image \(cannot identify image file\); give PNG or"):
+        open_image(tmp_path / "b.png")
 
 
 def test_folder_of_many_is_as_one_by_one(run_dir, data_dir, tmp_path, monkeypatch):
@@ -133,9 +134,7 @@ def test_folder_of_many_is_as_one_by_one(run_dir, data_dir, tmp_path, monkeypatc
     assert len(list((tmp_path / "both").glob("*.png"))) == 23
 
 
-def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
-    run_dir: Path, digit: Image.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_cut_in_its_middle_leaves_earlier_outputs(run_dir, digit, tmp_path, monkeypatch):
     """Found only when it is decoded, after others were translated."""
     monkeypatch.setattr(files, "BATCH_SIZE", 1)
     out = tmp_path / "out"

@@ -150,15 +150,16 @@ def adapt(
     trained one, a field run with weights averaged with those of init_from, or a copy of init_from
     if that is more accurate on the held-out presses.
 
-    Arguments that `calibrate` has: as for it.
-    minutes: approximate duration of all steps on two cores, 1 to 6000. model: trained with the
-    preset cpu; a field run changes little from its initial run. init_from: run that initializes
-    the training; by default the pretrained run of the model for images of the sensor's size, if
-    there is one. workers: processes that press; by default one per core. Raises T2TwinError, before
-    anything is written, for invalid arguments and for a folder with other content.
+    Arguments that `calibrate` has: as for it. minutes: approximate duration of all steps on two
+    cores, 1 to 6000. model: trained with the preset cpu; a field run changes little from its
+    initial run. init_from: run that initializes the training; by default the pretrained run of the
+    model for images of the sensor's size, if there is one. workers: processes that press; by
+    default one per core. Raises T2TwinError, before anything is written, for invalid arguments and
+    for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
+    arguments.instance(order, "order", FrameOrder)
     config = AdaptConfig(
         arguments.path(background, "background"), arguments.path(presses, "presses"),
         ball_diameter_mm, arguments.path(out, "out"), held_out, minutes, camera, model,
@@ -167,8 +168,7 @@ def adapt(
     )  # fmt: skip
     given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera,
-        tolerance, order,
-    )  # fmt: skip
+        tolerance, order)  # fmt: skip
     out, digest = config.out, config.digest(given)
     fitted = _existing_fit(out, digest, given)
     for warning in background_warnings(config.background, order, camera, gel_camera.name):

@@ -33,7 +33,6 @@ from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models.field import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
-from t2twin.translate.uncertainty.ood import OODClass
 
 REGION_SHARE = 0.2  # contact threshold of a tactile image, as a share of its maximum (assumed)
 MIN_CONTACT_SHARE = 0.01  # smallest count of a contact, in parts of full scale (assumed)
@@ -165,7 +164,7 @@ def evaluate_frames(
             "force_error": ratio - 1.0,
             "covered": np.nan,
             "depth_rmse_mm": np.nan,
-            "refused": [each != OODClass.IN_DISTRIBUTION for each in estimate.ood_class],
+            "refused": [each.inside is False for each in estimate.ood_class],
         }
     )
     if estimate.counts_std is not None:

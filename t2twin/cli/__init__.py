@@ -75,6 +75,8 @@ def _run(given: list[str]) -> None:
     if given == ["--version"]:
         print(f"t2twin {installed_version('t2twin')}")
         return
+    if any(word == "" or re.fullmatch("--[^=]+=", word) for word in given):
+        raise T2TwinError("an argument or the value of an option is empty; give a path or a value")
     named = (Path(word) for before, word in pairwise(given) if before not in OUTPUTS)
     inputs = [path for path in named if path.is_file()]
     for path in inputs:

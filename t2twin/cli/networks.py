@@ -196,7 +196,7 @@ def translate(
         images: PNG or JPEG files of any size, upright and in color, or folders of such files. For
             a run from counts, CSV files with columns taxel_0, taxel_1 and so on, or NPY files.
         out: Output folder.
-        png: Write no PNG files of the tactile images, which is faster.
+        png: Write no PNG files of the tactile images, nor of the contacts, which is faster.
         target: What a field run predicts. contact writes contacts.csv, and for each image NAME.npz,
             NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """

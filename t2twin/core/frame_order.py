@@ -26,6 +26,13 @@ class FrameOrder:
     bgr: bool = False
 
     def __post_init__(self) -> None:
+        if [*map(type, (self.turn_deg, self.mirror, self.bgr))] != [int, bool, bool]:
+            from t2twin.core import arguments  # slow to import
+
+            for name in ("mirror", "bgr"):
+                object.__setattr__(self, name, arguments.flag(getattr(self, name), name))
+            turn_deg = arguments.whole_number(self.turn_deg, "turn_deg")
+            object.__setattr__(self, "turn_deg", turn_deg)
         if self.turn_deg not in TURNS_DEG:
             raise T2TwinError(f"turn_deg is {self.turn_deg}; expected one of {TURNS_DEG}")
 

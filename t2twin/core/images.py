@@ -5,6 +5,7 @@ row's differences from the mean of left and above. Pillow takes 2.4 to 2.8 times
 """
 
 import io
+import re
 import struct
 import zlib
 
@@ -38,7 +39,8 @@ def decode_image(content: bytes, formats: tuple[str, ...] = FORMATS) -> Image.Im
     try:
         opened = Image.open(io.BytesIO(content), formats=formats)
     except _ERRORS as error:
-        raise T2TwinError(f"it is no {' or '.join(formats)} image ({error})") from error
+        words = re.sub(r" <_io\.BytesIO[^>]*>", "", str(error))
+        raise T2TwinError(f"it is no {' or '.join(formats)} image ({words})") from error
     with opened as image:
         if image.width * image.height > MAX_PIXELS:
             raise T2TwinError(

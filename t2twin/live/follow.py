@@ -17,9 +17,8 @@ from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.estimate import ContactEstimate
-from t2twin.translate.inference.files import ood_entry
 from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
-from t2twin.translate.uncertainty.ood import unlike
+from t2twin.translate.uncertainty.ood import OODClass, unlike
 
 REPORT_EVERY_S = 5.0  # period of the reports of rate and latency
 MAX_LATENCIES = 100_000  # kept for the final report, half an hour at 60 Hz; limits memory
@@ -88,9 +87,9 @@ def follow(
                     output(frame, line, contact)
                 throughput.translated, throughput.received = throughput.translated + 1, latest.read
                 throughput.latencies_ms.append(line["latency_ms"])
-                if not values["in_distribution"] and not warned:
+                if values["in_distribution"] is False and not warned:
                     warned = True
-                    classes = [values["ood_class"]]
+                    classes = [OODClass(values["ood_class"])]
                     stored = run.stored(classes, background, [frame.image], order)
                     for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
                         report(said)
@@ -120,7 +119,7 @@ def _predicted(
             values[name] = round(float(value), 3)
     if estimate.contact is not None:
         values["contact"] = estimate.contact.summary()
-    return values | ood_entry(estimate.ood_class), estimate.contact
+    return values | estimate.ood_class.entry, estimate.contact
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import SUFFIXES
@@ -56,7 +57,7 @@ def open_source(
     frame rate or early end of a video.
     Raises T2TwinError for any other source, and if OpenCV is required but not installed.
     """
-    path = Path(name)
+    path, order = Path(name), arguments.instance(order, "order", FrameOrder)
     if name.isascii() and name.isdigit():
         frames = _camera(int(name))
     elif name and path.is_dir():

@@ -39,7 +39,7 @@ class Translation:
     counts: np.ndarray  # (N,) float32
     layout: "Layout"  # taxels of the run
     tactile_image: np.ndarray  # (R, C) float32, counts
-    in_distribution: bool  # whether the image resembles the training images
+    in_distribution: bool | None  # whether the image is like the training images, if compared
     px_per_mm: float  # scale of the tactile image
     truth: np.ndarray | None = None  # (N,) float64, true counts at these taxels, if known
     # Bounds of the counts, (N,) float32 each, and force and its bounds, N, of runs with uncertainty
@@ -135,7 +135,6 @@ class Translators:
     ) -> Translation:
         """The prediction of one run."""
         from t2twin.translate.inference.estimate import half_width
-        from t2twin.translate.uncertainty.ood import OODClass
 
         run, interval, force = self.load(name), None, None
         data, own = run.config.data.array, background if run.has_uncertainty else None
@@ -151,7 +150,7 @@ class Translators:
             estimate.counts,
             data.taxels,
             estimate.tactile_images,
-            estimate.ood_class == OODClass.IN_DISTRIBUTION,
+            estimate.ood_class.inside,
             data.tactile_image[2],
             None if touch is None else _truth(touch, data),
             interval,

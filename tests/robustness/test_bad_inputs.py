@@ -94,9 +94,7 @@ def run(case: Case, base: Base, box: Path) -> int | str:
     return 0
 
 
-def faults_of(
-    case: Case, status: int | str, out: str, err: str, before: dict, after: dict, connected: list
-) -> Iterator[str]:
+def faults_of(case, status, out, err, before, after, connected) -> Iterator[str]:
     if case.fine:
         if status != 0:
             yield f"status {status} of valid input"

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.core.arguments import describe
+from t2twin.core.arguments import describe, instance
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
@@ -44,7 +44,7 @@ def open_image(path: Path) -> Image.Image:
 
 def read_image(path: Path, order: FrameOrder = UPRIGHT) -> np.ndarray:
     """(h, w) or (h, w, 3) uint8: a stored frame, upright; errors as for `open_image`."""
-    return order.upright(np.asarray(open_image(path)))
+    return instance(order, "order", FrameOrder).upright(np.asarray(open_image(path)))
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:

@@ -180,7 +180,7 @@ class ContactEstimate:
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the estimate, in words; empty for none."""
-        is_ood = self.ood_class != OODClass.IN_DISTRIBUTION
+        is_ood = self.ood_class.inside is False
         found = {
             f"out of distribution ({self.ood_class})": is_ood,
             EMPTY_NOTE: self.is_empty,
@@ -217,7 +217,7 @@ class ContactEstimate:
             "area_mm2": round(self.area_mm2, 3),
             "force_in_view_n": round(self.force_in_view_n, 4),
             "at_edge": self.at_edge,
-            "in_distribution": self.ood_class == OODClass.IN_DISTRIBUTION,
+            **self.ood_class.entry,
             "notes": list(self.notes),
         }
 
@@ -227,15 +227,20 @@ class ContactEstimate:
         with result_folder(folder, f"contact {name}") as temporary:
             return [folder / path.name for path in self.write(temporary, name)]
 
-    def write(self, folder: Path, name: str) -> list[Path]:
-        """The files of `save`, in a new folder."""
+    def write(
+        self, folder: Path, name: str, png: bool = True, image: Path | None = None
+    ) -> list[Path]:
+        """The files of `save`, in a new folder; png: all of them. image: which NAME.json names."""
         arrays = {each: getattr(self, each) for each in ARRAYS}
         arrays |= {each: value for each in NUMBERS if (value := getattr(self, each)) is not None}
         paths = [folder / f"{name}{end}" for end in ENDS]
         np.savez_compressed(paths[0], **arrays, view_mm=np.array(self.view_mm))
         scale = {"depth_png_mm_per_level": PNG_MM, "depth_png_level_of_zero": PNG_ZERO}
-        content = json.dumps(self.summary() | scale, indent=1, allow_nan=False)
+        head = {} if image is None else {"image": str(image)}
+        content = json.dumps(head | self.summary() | scale, indent=1, allow_nan=False)
         paths[1].write_text(f"{content}\n", encoding="utf-8")
+        if not png:
+            return paths[:2]
         levels = np.rint(self.depth_mm / PNG_MM) + PNG_ZERO
         Image.fromarray(levels.clip(0, 65_535).astype(np.uint16)).save(paths[2])
         words = "no contact" if self.is_empty else f"{self.largest_depth_mm:.2f} mm deep"

@@ -39,7 +39,7 @@ from t2twin.translate.inference.estimate import (
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import BATCH_SIZE, NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.runs.config import DEFAULT_RUN
-from t2twin.translate.uncertainty.ood import OODClass, unlike
+from t2twin.translate.uncertainty.ood import unlike
 
 COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"
 CONTACTS_CSV, KIND = "contacts.csv", "translation"  # and the kind of result
@@ -209,7 +209,7 @@ def _write_tables(
         {"image": str(image)}
         | ({"tactile_image": names[n]} if names else {})
         | {name: each[n] for name, each in values.items()}
-        | ood_entry(found.ood_class[n])
+        | found.ood_class[n].entry
         for n, image in enumerate(images)
     ]
     # One line per image, so that large files stay readable by line.
@@ -218,45 +218,39 @@ def _write_tables(
     (folder / COUNTS_JSON).write_text(text)
 
 
-def ood_entry(ood_class: OODClass) -> dict[str, Any]:
-    """The JSON keys of an image's class: in_distribution, and ood_class if it is false."""
-    if ood_class == OODClass.IN_DISTRIBUTION:
-        return {"in_distribution": True}
-    return {"in_distribution": False, "ood_class": str(ood_class)}
-
-
 def translate_contacts(
     run: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
-    background: str | Path | None = None, files: bool = True, order: FrameOrder = UPRIGHT,
+    background: str | Path | None = None, png: bool = True, order: FrameOrder = UPRIGHT,
 ) -> list[ContactEstimate]:  # fmt: skip
     """Translates image files to contacts; writes contacts.csv, and the files of each contact.
 
-    Other arguments and errors: as for `translate_images`. files: whether ContactEstimate.save is
-    called, with the names of the images. Returns the contacts in the order of `find_images`, and
-    warns of their notes.
+    Other arguments and errors: as for `translate_images`. The files are those of
+    ContactEstimate.save, with the names of the images. png: False writes none of their PNG files.
+    Returns the contacts in the order of `find_images`, and warns of their notes.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     frame = _background(background, order)
     predictor = load_run(run)
     found: list[ContactEstimate] = []
-    names = [Path(name).stem for name in output_names(images)] if files else []
-    ends = [CONTACTS_CSV, *(f"{name}{end}" for name in names for end in ENDS)]
+    names = [name.removesuffix(".png") for name in output_names(images)]
+    written = ENDS if arguments.flag(png, "png") else ENDS[:2]
+    ends = [CONTACTS_CSV, *(f"{name}{end}" for name in names for end in written)]
     with (
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, ends, _paths(*images, background)) as folder,
     ):
         for _, frames in _batches(images, pool, order):
             found += predictor.classified_estimate(frames, frame, contact=True).contact
-        list(pool.map(ContactEstimate.write, found, [folder] * len(names), names))
+        list(pool.map(ContactEstimate.write, found, repeat(folder), names, repeat(png), images))
         rows = []
-        for image, contact in zip(images, found, strict=True):
+        for image, name, contact in zip(images, names, found, strict=True):
             summary = contact.summary()
             cells = [summary.get(name) for name in COLUMNS]
-            for name in VECTORS:
-                cells += summary.get(name) or [None, None]
-            rows.append([image, *cells, "; ".join(contact.notes)])
-        columns = [*COLUMNS, *(name for names in VECTORS.values() for name in names)]
-        write_csv(folder / CONTACTS_CSV, ["image", *columns, "notes"], rows)
+            for vector in VECTORS:
+                cells += summary.get(vector) or [None, None]
+            rows.append([image, name, *cells, contact.ood_class, "; ".join(contact.notes)])
+        columns = [*COLUMNS, *(name for pair in VECTORS.values() for name in pair), "ood_class"]
+        write_csv(folder / CONTACTS_CSV, ["image", "contact", *columns, "notes"], rows)
     stored = predictor.stored([each.ood_class for each in found], frame, images, order)
     warn(NO_BACKGROUND if background is None else None, stored)
     warn_of_contacts(found, images)
@@ -270,16 +264,22 @@ def translate_readings(
     """Translates files of any other pair; writes counts.csv, or a PNG file per predicted image.
 
     run: one that predicts images, or counts from counts. paths: CSV files with columns taxel_0,
-    taxel_1 and so on, or NPY files of counts, (N,) or (B, N); or images as for `find_images`. png:
-    whether tactile images of predicted counts are written too. Returns (B, N) counts, or (B, rows,
-    columns, 3) uint8 images, with the warnings of `TrainedTranslator.predict`. Raises T2TwinError,
-    without output, for another run, and for files that cannot be read or be of the source.
+    taxel_1 and so on, or NPY files of counts, (N,) or (B, N); or images as for `find_images`, in an
+    order. png: whether tactile images of predicted counts are written too; True for images. Returns
+    (B, N) counts, or (B, rows, columns, 3) uint8 images, with the warnings of
+    `TrainedTranslator.predict`. Raises T2TwinError, without output, for another run, for files that
+    cannot be read or be of the source, and for what the run does not use: an order, or no PNG.
     """
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
     predictor = load(run, engine="torch")
     is_other = not predictor.config.is_image_to_counts
     predictor.need(is_other, "a translation of readings", "a run of another direction")
     source, target = predictor.config.data.source, predictor.config.data.target
+    arguments.instance(order, "order", FrameOrder)
+    if source.value == COUNTS and order != UPRIGHT:
+        raise T2TwinError(f"{order} is for images; {run} translates counts")
+    if target.value != COUNTS and not arguments.flag(png, "png"):
+        raise T2TwinError(f"--no-png (png=False) is for predicted counts; {run} predicts images")
     if source.value == COUNTS:
         counts = [read_counts(path, source) for path in files]
         readings: Any = np.concatenate(counts)
@@ -312,13 +312,25 @@ def read_counts(path: Path, array: ArrayInfo) -> np.ndarray:
             found = np.load(io.BytesIO(content), allow_pickle=False)
             if found.shape[-1:] != (taxels,) or found.ndim > 2 or found.dtype.kind not in "iuf":
                 raise ValueError(f"it has shape {found.shape} and type {found.dtype}")
-            return np.atleast_2d(found).astype(np.float32)
-        names, rows = read_csv(path, rf"{TAXEL}\d+")
-        own = [name for name in names if name.startswith(TAXEL)]
-        if sorted(own) != sorted(columns):
-            raise ValueError(f"it has {len(own)} columns of taxels")
-        counts = [[float(cells.get(name, "nan")) for name in columns] for _, cells in rows]
-        return np.array(counts, np.float32).reshape(-1, taxels)
+            found = np.atleast_2d(found).astype(np.float32)
+            places = [f"row {n}" for n in range(len(found))]
+        else:
+            names, rows = read_csv(path, rf"{TAXEL}\d+")
+            own = [name for name in names if name.lower().startswith(TAXEL)]
+            for name in [*own, *columns]:
+                if own.count(name) != 1 or name not in columns:
+                    raise ValueError(f"it has {own.count(name)} columns {name}")
+            places = [place for place, _ in rows]
+            found = [[float(cells.get(name, "nan")) for name in columns] for _, cells in rows]
+            found = np.array(found, np.float32).reshape(-1, taxels)
+        if not places:
+            raise ValueError("it has no reading")
+        for n, taxel in np.argwhere(~((found >= 0) & (found <= array.full_scale))):
+            count = found[n, taxel]
+            value = "no number" if np.isnan(count) else f"{count:,.10g}"
+            limit = f"expected 0 to {array.full_scale:,.0f}"
+            raise ValueError(f"{places[n]}: {columns[taxel]} has {value}; {limit}")
+        return found
     except (T2TwinError, ValueError, EOFError, OSError) as error:
         raise T2TwinError(
             f"{path} cannot be read ({error}); expected a CSV file with the columns {columns[0]} "

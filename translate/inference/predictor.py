@@ -58,6 +58,7 @@ from t2twin.translate.uncertainty.ood import (
     OODClass,
     classify_frame,
     compare_with_background,
+    faulty,
     unlike,
 )
 
@@ -216,7 +217,7 @@ class TrainedTranslator:
         """Tactile images of images: (R, C) or (B, R, C) float32, counts.
 
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
-        interpolated dense counts. Arguments, warning and errors: as for `predict`.
+        interpolated dense counts. Arguments, warning and errors: as for `estimate`.
         """
         return self.estimate(images, background, tactile=True).tactile_images
 
@@ -232,7 +233,8 @@ class TrainedTranslator:
         reliable.
         """
         found = self.classified_estimate(images, background, tactile, contact)
-        classes = np.atleast_1d(found.ood_class).tolist()
+        each = found.ood_class
+        classes = [each] if isinstance(each, OODClass) else each.tolist()
         stored = self.stored(classes, background, image_list(images)[0])
         warn(unlike(classes, self.run_dir.name), stored)
         return found
@@ -262,7 +264,7 @@ class TrainedTranslator:
     def contact(self, images: Images, background: np.ndarray | None = None) -> Any:
         """The contact itself: depth, pressure, force, center of pressure and shear force.
 
-        Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
+        Arguments and errors: as for `estimate`. Returns a ContactEstimate on the camera's view, in
         the size of the image, or a list of them for several images. Its `notes` name what limits
         it, each of which is also a T2TwinWarning. Raises T2TwinError for a run that does not
         predict the contact.
@@ -342,12 +344,14 @@ class TrainedTranslator:
         """As `classify`. outputs: predictions for the pixels."""
         images, frames = pixels[..., :COLORS], pixels[..., COLORS:]
         detector, has_frames = self.config.ood_detector, frames.shape[-1] > 0
-        ways = [[INSIDE] * len(images) if detector is None else detector.classify(images)]
+        ways = [faulty(images, frames) if detector is None else detector.classify(images)]
         if has_frames:
             ways.append(compare_with_background(images, frames))
         if self._frame_check is not None and len(images):
             ways.append(self._frame_check.classify(outputs[FEATURES], images, has_frames))
-        found = [next((e for e in each if e != INSIDE), INSIDE) for each in zip(*ways, strict=True)]
+        base = OODClass.NOT_COMPARED if detector is self._frame_check is None else INSIDE
+        both = zip(*ways, strict=True)
+        found = [next((e for e in each if e.inside is False), base) for each in both]
         known = self.config.data.force_n
         if self._frame_check is None or not known or "force_n" not in outputs:
             return found
@@ -372,7 +376,7 @@ class TrainedTranslator:
 
         classes, images: all of one unit, as arrays or as files, which are read in an order.
         """
-        wrong = [n for n, each in enumerate(classes) if each != INSIDE]
+        wrong = [n for n, each in enumerate(classes) if each.inside is False]
         frame = images[wrong[0]] if background is None and wrong else background
         if isinstance(frame, Path):
             frame = read_image(frame, order)

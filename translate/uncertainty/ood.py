@@ -60,6 +60,7 @@ class OODClass(StrEnum):
     """Result of the classification of one image."""
 
     IN_DISTRIBUTION = "in distribution"
+    NOT_COMPARED = "not compared with training images"
     UPSIDE_DOWN = "upside down"
     MIRRORED = "mirrored"
     UPSIDE_DOWN_MIRRORED = "upside down and mirrored"
@@ -77,6 +78,17 @@ class OODClass(StrEnum):
     NOISE = NOISE
     OTHER_ASPECT = "of another aspect ratio"
     OTHER = "of another light or sensor"
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether the image is like the training images; None if it is not compared with them."""
+        return None if self == OODClass.NOT_COMPARED else self == OODClass.IN_DISTRIBUTION
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """The JSON keys of an image: in_distribution, and ood_class unless it is true."""
+        named = {} if self.inside else {"ood_class": str(self)}
+        return {"in_distribution": self.inside, **named}
 
 
 # Functions that undo each transform, (B, S, S, c) -> (B, S, S, c)
@@ -108,7 +120,8 @@ class OODDetector(Struct, frozen=True):
 
     def distances(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) root mean squares of the cells' standardized differences from the mean."""
-        return _distances(_cell_means(pixels).reshape(len(pixels), -1), self.mean, self.std)
+        cells = _cell_means(pixels).reshape(len(pixels), self.mean.size)
+        return _distances(cells, self.mean, self.std)
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes; of several transforms, that with the least distance."""
@@ -144,7 +157,7 @@ def classify_frame(
 
 def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) -> str | None:
     """The warning for images that are out of distribution; None if there are none."""
-    found = [n for n, each in enumerate(classes) if each != OODClass.IN_DISTRIBUTION]
+    found = [n for n, each in enumerate(classes) if each.inside is False]
     if not found:
         return None
     example = f", such as {names[found[0]]}" if names else ""
@@ -158,6 +171,12 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
         "sensor in the same light, its own background frame without contact, and forces of the "
         "training"
     )
+
+
+def faulty(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
+    """(B,) classes by faults alone; frames, (B, S, S, 3 or 0), have the colors of a sensor."""
+    faults = map(fault_of, pixels, [each.size > 0 and is_colored(each) for each in frames])
+    return [OODClass(fault or OODClass.NOT_COMPARED) for fault in faults]
 
 
 def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
