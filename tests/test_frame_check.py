@@ -75,7 +75,6 @@ def test_a_run_gets_a_check_that_its_predictions_use(moving_dataset, tmp_path, m
     fitting.fit_frame_check(run_dir, moving_dataset)
     check = load_frame_check(run_dir)
     assert check is not None and torch.isfinite(check.limits).all()
-
     check.limits.fill_(-torch.inf)  # all frames are wrong
     save_weights(run_dir / FRAME_CHECK, check.state_dict())
     run = load_run(run_dir).need_uncertainty("the test")

@@ -45,7 +45,6 @@ def test_stopped_and_resumed_is_as_undisturbed(data_dir, tmp_path, model, monkey
         averaged_part=0.25,
     )  # fmt: skip
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
-
     with monkeypatch.context() as patch, stopped_after_an_epoch():
         patch.setattr(training, "SAVE_SECONDS", 0.0)
         train(model, data_dir, preset, tmp_path / "killed", epochs=3)
@@ -54,7 +53,6 @@ def test_stopped_and_resumed_is_as_undisturbed(data_dir, tmp_path, model, monkey
     part = load_state(state, build(load_config(tmp_path / "killed"))).part
     assert part.steps > 0
     outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
-
     assert outcome.epochs == 3
     assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
     for name in ("last.safetensors", "best.safetensors"):
@@ -73,7 +71,6 @@ def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     config, state = load_config(tmp_path), load_file(tmp_path / "last.safetensors")
     assert config.precision == "bf16" and "trained in bfloat16" in (tmp_path / CARD).read_text()
     assert {tensor.dtype for tensor in state.values()} == {torch.float32, torch.int64}
-
     pairs = load_pairs(data_dir, "val", config.preset.size, config.preset.grey)
     rmse = {}
     for bf16 in (True, False):

@@ -38,7 +38,6 @@ def test_files_say_what_was_predicted(run_dir: Path, digit: Image.Image, tmp_pat
     assert counts.shape == (4, 20) and np.isfinite(counts).all()
     expected = load_run(run_dir).predict(np.asarray(digit)[None])
     np.testing.assert_allclose(counts[:1], expected, atol=1.0)
-
     names = {path.name for path in (tmp_path / "out").glob("[!.]*")}
     assert names == {"counts.csv", "counts.json", *(f"{path.stem}.png" for path in paths)}
     with (tmp_path / "out" / "counts.csv").open(newline="") as file:
