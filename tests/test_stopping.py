@@ -64,8 +64,9 @@ MODULE = sys.argv[1]
 class Halt:
     def find_spec(self, name, path=None, target=None):
         if name == MODULE:
-            print(name, flush=True)
-            with contextlib.suppress(BaseException): signal.pause()
+            with contextlib.suppress(BaseException):
+                print(name, flush=True)
+                signal.pause()
 
 sys.meta_path.insert(0, Halt())
 sys.argv[1:] = ["press", "square-2", "--out", "out"]
