@@ -148,7 +148,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path, force: bool = False) -
     installed, and for a difference above PARITY_COUNTS.
     """
     run, path = arguments.instance(run, "run", TrainedTranslator), arguments.path(path, "path")
-    if path.suffix.lower() != ".onnx":  # libraries read other formats by their suffixes
+    if path.suffix.lower() not in ("", ".onnx"):  # libraries read other formats by their suffixes
         raise T2TwinError(f"{path} is no name of an ONNX file; expected one that ends in .onnx")
     own = [run.run_dir / name for name in (BEST, CONFIG, FRAME_CHECK)]
     check_own(path.parent, [path.name], "", own, arguments.flag(force, "force"))
