@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 from skimage.metrics import structural_similarity
 
+from t2twin.core.arguments import instance
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
@@ -81,7 +82,7 @@ def read_frame(path: Path, order: FrameOrder = UPRIGHT) -> np.ndarray:
         ) from error
     if image.mode[0] in "IF":
         raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
-    return order.upright(np.array(image.convert("RGB")))
+    return instance(order, "order", FrameOrder).upright(np.array(image.convert("RGB")))
 
 
 def read_frames(

@@ -188,7 +188,7 @@ def read_info(folder: str | Path) -> DatasetInfo:
     if not path.is_file():
         raise T2TwinError(
             f"{folder} contains no dataset (no {INFO}); make one with "
-            f"`t2twin simdata --out {folder}`"
+            f"`t2twin simdata --scale small --out {folder}`"
         )
     return decode_json(read_file(path), DatasetInfo, path)
 
