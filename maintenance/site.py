@@ -1,7 +1,6 @@
 """The documentation site, see mkdocs.yml: its pages besides those of docs/, by a hook of MkDocs;
 lists of arguments in docstrings, by an extension of griffe."""
 
-import ast
 import re
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,8 @@ from typing import Any
 from griffe import Extension, Object
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+
+import t2twin
 
 ROOT = Path(__file__).parents[1]
 PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md",
@@ -37,13 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def public_names() -> dict[str, str]:
     """The public names of t2twin, and where each is defined."""
-    tree = ast.parse((ROOT / "t2twin/__init__.pyi").read_text())
-    return {
-        alias.name: f"t2twin.{node.module}.{alias.name}"
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
+    return {name: f"{getattr(t2twin, name).__module__}.{name}" for name in t2twin.__all__}
 
 
 class ArgumentLists(Extension):

@@ -40,6 +40,7 @@ from t2twin.translate.uncertainty.calibration import (
     interpolate_scale,
     standard_deviation,
 )
+from t2twin.translate.uncertainty.ood import OODClass
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
 
@@ -114,7 +115,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
 
 def test_a_turned_picture_is_told_by_the_background_frame(data_dir, run):
     pixels = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True).inputs[:]
-    assert set(run.classify(pixels)) == {"in distribution"}
+    assert set(run.classify(pixels)) == {OODClass.NOT_COMPARED}  # of too few images
     for turned, how in (
         (pixels[:, ::-1, ::-1], "upside down"),
         (pixels[:, :, ::-1], "mirrored"),
@@ -125,8 +126,8 @@ def test_a_turned_picture_is_told_by_the_background_frame(data_dir, run):
         assert set(found) <= {how, "of another sensor than its background frame"}
         assert found.count(how) > 0.5 * len(found)
     others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)
-    assert "in distribution" not in run.classify(others)
-    assert set(run.classify(others[..., :3])) == {"in distribution"}
+    assert OODClass.NOT_COMPARED not in run.classify(others)
+    assert set(run.classify(others[..., :3])) == {OODClass.NOT_COMPARED}
 
 
 def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:

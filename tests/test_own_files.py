@@ -65,7 +65,7 @@ def image() -> np.ndarray:
         ("sensors check digit --out mine.png", "mine.png"),
         ("sensors check mine.toml --out mine.toml", "mine.toml"),
         ("export --out mine.onnx", "mine.onnx"),
-        ("export --out RUN/config.json --run RUN --force", "RUN/config.json"),
+        ("export --out mine.onnx --run field", "mine.onnx"),
         ("slide hemisphere-4 --dx-mm 0.2 --steps 1 --rerun mine.rrd", "mine.rrd"),
         ("simdata --scale smoke --out .", "x.png"),
         ("train resnet18 --data DATA --preset smoke --out .", "x.png"),
