@@ -21,7 +21,7 @@ from t2twin.translate.inference.estimate import Estimate
 
 ARRAY = taxel_array()
 LAYOUT, COUNTS, RECORDED = ARRAY.layout, ARRAY.spec.counts, ARRAY.spec.imperfections["recorded"]
-FRAME_S, SAMPLE_S = 1.0 / COUNTS.rate_hz, COUNTS.sample_s
+FRAME_S, SAMPLE_S = 1.0 / (COUNTS.rate_hz or 0.0), COUNTS.sample_s  # it states its rate
 LEVEL = 10_000.0
 QUIET = structs.replace(
     RECORDED, noise_counts=(), offset_counts=(), load_noise_counts=0.0, memory_spread=0.0

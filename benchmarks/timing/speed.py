@@ -102,7 +102,7 @@ def _answer(server: subprocess.Popen) -> str:
     for line in server.stdout:
         if line[0] in "{0123456789":
             return line
-    raise T2TwinError(f"{' '.join(map(str, server.args))} ended")
+    raise T2TwinError(f"{server.args} ended")
 
 
 def checkout(commit: str) -> Path:
