@@ -35,7 +35,7 @@ def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: s
 
 
 def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
-    """The function, which first warns of a contact in its background frame."""
+    """The function, which first warns of an unsuitable background frame."""
 
     @wraps(fit)
     def warned(*values: P.args, **options: P.kwargs) -> Result:

@@ -1,4 +1,4 @@
-"""touch2touch the other way: it is validated, says what it is, and gives no counts."""
+"""touch2touch from counts to images: its validation, its direction, and that it has no counts."""
 
 from dataclasses import replace
 from pathlib import Path

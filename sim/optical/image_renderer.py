@@ -43,7 +43,7 @@ Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
 t2twin.sim.optical.pyrender_renderer.FRAME_SECONDS."""
 
-MOST_CLIPPED = 0.5  # largest part of a background frame that is black or overexposed (assumed)
+MAX_CLIPPED = 0.5  # largest part of a background frame that is black or overexposed (assumed)
 LED_PLACES = 48  # places along each axis where beams are fitted (assumed: they are smooth)
 
 Color = tuple[float, float, float]
@@ -270,9 +270,9 @@ def check_exposure(background: np.ndarray) -> None:
     black = (background == 0).all(axis=2).mean()
     white = (background == 255).mean(axis=(0, 1)).max()  # of the brightest color
     for part, what in ((black, "black"), (white, "overexposed in a color")):
-        if part > MOST_CLIPPED:
+        if part > MAX_CLIPPED:
             raise T2TwinError(
                 f"{100 * part:.0f} % of the background frame are {what}; expected at most "
-                f"{100 * MOST_CLIPPED:g} %, so change the colors and places of the LEDs, or the "
+                f"{100 * MAX_CLIPPED:g} %, so change the colors and places of the LEDs, or the "
                 "ambient light"
             )

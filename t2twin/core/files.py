@@ -28,7 +28,9 @@ MAX_TABLE_BYTES = 100_000_000  # of tables and descriptions (assumed: 700,000 ro
 LOCK = ".t2twin.lock"  # in a folder, removed with the lock; without its process it locks nothing
 OWN = ".t2twin.json"  # in a folder of results: the SHA-256 of files by kind of result and name
 # Ctrl-C, that of `kill`, service managers and containers, and that of a closed terminal
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # Windows has no SIGHUP
 IMPORT_WAIT_S = 0.05  # until a signal during an import is handled again (assumed)
 run_inputs: list[Path] = []  # of the running command, named by the user; no result replaces them
 # Commands that continue an earlier call; the others start again and leave no files
