@@ -19,6 +19,9 @@ SCALE = "smoke"
 SLIDE_MM, STEPS, EVERY = (1.5, 0.7), 4, 8
 """Motion of a slide along x and y, its steps, and the number of presses for each slide."""
 
+REPEATS = 3
+"""Of each press in a turn. The least time counts: the other process has emptied the caches."""
+
 
 def main() -> None:
     presses = [
@@ -30,7 +33,8 @@ def main() -> None:
     print(len(presses), flush=True)
     for line in sys.stdin:
         row = int(line)
-        found = stages_ms(pair, *presses[row])
+        each = [stages_ms(pair, *presses[row]) for _ in range(REPEATS)]
+        found = {stage: min(ms[stage] for ms in each) for stage in each[0]}
         if row % EVERY == 0:
             found["slide"] = slide_ms(pair, *presses[row])
         print(json.dumps(found), flush=True)

@@ -66,6 +66,13 @@ ATTEMPTS = ((0.02, 1.0, 40), (0.02, 0.3, 60), (0.02, 0.1, 400), (0.002, 1.0, 40)
 CLEAR_MM = 0.02
 
 
+@cache
+def _around(pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """REACHES_MM in fine cells of a pitch, and their gains."""
+    reaches = np.rint(np.array(REACHES_MM) / pitch_mm).astype(int)
+    return reaches[reaches > 0], np.array(GAINS)[reaches > 0]
+
+
 def solve_contact(
     shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float,
     shift: SurfaceShift | None = None,
@@ -241,11 +248,9 @@ class Equilibrium:
         for _ in range(GUESSES):
             if before is not None and (self.compliance == before).all():
                 break  # with the same springs, the contact would be the same
+            of_bodies = zip(self._forces, pins.parts, strict=True)
             self.depths_mm = np.array(
-                [
-                    spring_depth(force, pins.gap_mm[part], pins.covered[part], np.inf)
-                    for force, part in zip(self._forces, pins.parts, strict=True)
-                ]
+                [spring_depth(n, pins.gap_mm[at], pins.covered[at], np.inf) for n, at in of_bodies]
             )
             pressed = np.maximum(self.depths_mm[pins.bodies] - pins.gap_mm, 0.0)
             self.active = pins.with_neighbors(pressed > 0)
@@ -260,12 +265,10 @@ class Equilibrium:
     def _iterate(self, min_slope: float, step: float, steps_left: int) -> bool:
         """Iterate, adding inactive pins that the shape penetrates; returns whether it converged."""
         pins, tolerance, outside = self.pins, STAGES[self.last][1], np.empty(self.active.size, bool)
-        operator = pins.layer.operator(pins.window)
-        reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
-        around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
+        operator, around = pins.layer.operator(pins.window), _around(pins.layer.pitch_mm)
         while True:
             active, is_missed = np.flatnonzero(self.active), False
-            of_active = tuple(each[active] for each in pins.arrays)
+            of_active = tuple(each.take(active, mode="clip") for each in pins.arrays)
             ends = np.searchsorted(of_active[0], np.arange(self.forces_n.size + 1))
             found = np.empty((3, active.size))
             while not is_missed:

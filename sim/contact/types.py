@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.arrays import Record, kept_property
+from t2twin.core.arrays import Result, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
@@ -74,7 +74,7 @@ class PressCommand:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceShift(Record):
+class SurfaceShift(Result):
     """Displacement of a layer's surface by shear, on the contact grid's axes."""
 
     x_mm: np.ndarray  # (nx,)
@@ -110,7 +110,7 @@ def _interpolated(values, rows, down, columns, across):
 
 
 @dataclass(frozen=True, eq=False)
-class PinState(Record):
+class PinState(Result):
     """The active pins of a solved press, all (n,): the state of MuJoCo's model in mm and N."""
 
     x_mm: np.ndarray
@@ -124,7 +124,7 @@ class PinState(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Motion(Record):
+class Motion(Result):
     """What sliding and turning have done to a contact, on its grid.
 
     The arrays from `window` on are the response to the contact's pressure and traction in a window
@@ -143,7 +143,7 @@ class Motion(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Contact(Record):
+class Contact(Result):
     """The contact of one shape with one elastomer: plain data, which can be copied and pickled.
 
     shape, command, elastomer: the press.

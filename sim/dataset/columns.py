@@ -1,6 +1,7 @@
 """The columns of a dataset: TABLE. Those of a sensor start with its role and an underscore."""
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import prod
@@ -127,7 +128,7 @@ TABLE: tuple[tuple[Column, ...], ...] = (
         Column("shape", pa.string(), "", "primitive (`square-2`), tool at a keypoint "
                "(`pliers/teeth`), random shape or file", lambda s, _: s.touch.command.shape),
         Column("family", pa.string(), "", "family of the shape, or tool",
-               lambda s, _: family_of(s.touch.command.shape)),
+               lambda s, _: re.sub("/.*|-[^-/]*$", "", s.touch.command.shape)),
         Column("split", pa.string(), "", "`train`, `val` or `test`", lambda s, _: s.split),
         Column("index", pa.int32(), "", "number among the shape's presses", lambda s, _: s.index),
         _pose("x_mm", "mm", "position of the shape's origin, to the right in the image"),
@@ -243,8 +244,3 @@ def _feature(kind: pa.DataType) -> dict[str, Any]:
 def type_name(kind: pa.DataType) -> str:
     """The name of a scalar type, as in NumPy."""
     return {"double": "float64", "float": "float32"}.get(str(kind), str(kind))
-
-
-def family_of(shape: str) -> str:
-    """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
-    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape

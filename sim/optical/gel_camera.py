@@ -19,7 +19,7 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
-from t2twin.core.arrays import Record, kept_property
+from t2twin.core.arrays import Result, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -339,7 +339,7 @@ class GelCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class ImageReading(Record):
+class ImageReading(Result):
     """An image of a gel camera. image: (rows, columns, 3) uint8, RGB; None before it is made."""
 
     sensor: GelCamera

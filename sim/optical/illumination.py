@@ -202,9 +202,10 @@ class Rays:
             return hard, shadowed
         # means over the blocks of the shadow grid
         rows, columns = (SHADOW_STRIDE * count for count in self._coarse_shape)
-        cells = range(SHADOW_STRIDE)
-        parts = [z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE] for i in cells for j in cells]
-        heights = np.mean(parts, axis=0, dtype=float).astype(np.float32)
+        sums = np.zeros(self._coarse_shape)  # (np.mean of the parts copies them first)
+        for i, j in np.ndindex(SHADOW_STRIDE, SHADOW_STRIDE):
+            sums += z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE]
+        heights = (sums / SHADOW_STRIDE**2).astype(np.float32)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
         led_visibility(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),

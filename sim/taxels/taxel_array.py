@@ -11,7 +11,7 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
-from t2twin.core.arrays import Record, kept_property
+from t2twin.core.arrays import Result, kept_property
 from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
@@ -247,7 +247,7 @@ class TaxelArray:
 
 
 @dataclass(frozen=True, eq=False)
-class CountsReading(Record):
+class CountsReading(Result):
     """Counts of a taxel array."""
 
     sensor: TaxelArray

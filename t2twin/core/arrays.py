@@ -43,3 +43,13 @@ class Record:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update({name: kept(value) for name, value in state.items()})
+
+
+class Result(Record):
+    """Base of records of arrays that this package has just made: read-only views, not copies."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                vars(self)[name] = view = value.view()
+                view.setflags(write=False)
