@@ -190,7 +190,7 @@ def _draw_slide(page: Figure, rows: list[Row], shown: dict[int, Touch]) -> None:
             _draw_reading(page, panels[f"reading of {sensor}, {step}"], touch[sensor], largest)
             axes, contact = panels[f"contact of {sensor}, {step}"], touch.contacts[sensor]
             peak_kpa = draw.draw_contact(axes, contact)
-            slips = f"step {step}: {100 * contact.slip_share:.0f} % of the contact slips"
+            slips = f"step {step}: slip share {100 * contact.slip_share:.0f} %"
             axes.set_title(f"{slips}\narrows: at most {peak_kpa:.3g} kPa", loc="left")
             axes.set(xlabel="x, mm", ylabel="y (down), mm")
     colors = {"stick": draw.STICK_RGB, "slip": draw.SLIP_RGB}

@@ -174,6 +174,7 @@ def figure(
         warnings.filterwarnings("ignore", "Creating legend with loc")
         page = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(page)
+        page.draw_without_rendering()  # (one pass does not leave room for all labels)
         for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
             if axis.get_scale() == "log":  # powers need formulas, which STYLE disables
                 axis.set_major_formatter("{x:g}")
