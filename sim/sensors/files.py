@@ -40,7 +40,7 @@ FITTED = {"camera": Camera.__struct_fields__, "light": LIGHT, "gel": DOME}
 RESERVED = ("press", "tactile_image", "tactile_picture", *ROLES, "both", "none")
 """Names of files of a saved touch and of choices of commands, which no sensor may have."""
 NEEDS = {
-    "drift_share": "drift_counts", "drift_counts": "drift_share", "noise_counts": "offset_counts",
+    "drift_share": "drift_counts", "drift_counts": "drift_share", "offset_ratios": "noise_counts",
     "load_noise_spread": "load_noise_counts", "load_noise_level_counts": "load_noise_counts",
     "memory_rise_s": "memory_s", "memory_spread": "memory_s", "seed": "jitter_mm",
     "dome_flat_mm": "dome_length_radius_mm",

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
+from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles, Ratios
 
 SAME_LINE_MM = 1e-3  # tolerance of the places of a row or a column, mm
 NEIGHBORS = 1.2  # largest distance of neighbors, divided by the layout's least distance
@@ -49,14 +49,8 @@ def read_after(
     taxels = _taxels(flaws, n, array_seed)
     levels, memory = _remember(signal, memory, taxels, flaws, seconds / readings, readings)
     wandered = rng.random(n) < flaws.drift_share
-    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n)
+    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
     found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
-    if flaws.offset_counts:
-        # lognormal of mean m and deviation d: s^2 = ln(1 + d^2/m^2) and ln m - s^2/2
-        m, d = taxels.offset_counts, taxels.noise_counts
-        variance = np.log1p(np.divide(d, m, where=m > 0, out=np.zeros(n)) ** 2)
-        scores = rng.standard_normal((readings, n))
-        found += m * np.exp(np.sqrt(variance) * scores - variance / 2)
     mean = np.clip(found, 0, counts.full_scale).mean(axis=0)
     return np.rint(mean).astype(np.uint16), memory
 
@@ -76,15 +70,15 @@ def expected_reading(
     density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
     mean = level * ndtr(score) + deviation * density
     square = (level**2 + deviation**2) * ndtr(score) + level * deviation * density
-    variance = np.maximum(square - mean**2, 0.0) + array.noise_counts**2
-    std = np.sqrt(variance / counts.readings)
+    std = np.sqrt(np.maximum(square - mean**2, 0.0) / counts.readings)
     return np.minimum(mean, counts.full_scale), std
 
 
 def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
     """Standard deviation of one reading's normal noise at levels, (..., N)."""
     under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
-    return np.hypot(flaws.white_counts, taxels.load_noise_counts * under_load)
+    loaded = np.hypot(flaws.white_counts, taxels.load_noise_counts * under_load)
+    return np.hypot(loaded, taxels.noise_counts)
 
 
 @dataclass(frozen=True)
@@ -103,16 +97,18 @@ def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
     from scipy.special import ndtri  # slow to import
 
     rng = np.random.default_rng((array_seed, ARRAY_STREAM))
-    at_rest, loaded, memory = ((rng.permutation(n) + rng.random(n)) / n for _ in range(3))
+    at_rest, loaded, memory, offset = ((rng.permutation(n) + rng.random(n)) / n for _ in range(4))
     is_alive = np.ones(n)
     is_alive[list(flaws.dead)] = 0.0
 
-    def percentiles(at: Percentiles) -> np.ndarray:
-        return is_alive * np.interp(100 * at_rest, *np.transpose(at)) if at else np.zeros(n)
+    def percentiles(at: Percentiles | Ratios, ranks: np.ndarray) -> np.ndarray:
+        return is_alive * np.interp(100 * ranks, *np.transpose(at)) if at else np.zeros(n)
 
+    noise = percentiles(flaws.noise_counts, at_rest)
+    ratios = percentiles(flaws.offset_ratios, offset)
     return _Taxels(
-        percentiles(flaws.noise_counts),
-        percentiles(flaws.offset_counts),
+        noise,
+        percentiles(flaws.offset_counts, at_rest) + ratios * noise,
         is_alive * flaws.load_noise_counts * np.exp(flaws.load_noise_spread * ndtri(loaded)),
         np.exp(flaws.memory_spread * ndtri(memory)),
     )

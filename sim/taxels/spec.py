@@ -24,8 +24,10 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
 Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
 Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
-# Rising percentages of the taxels and the values at them, counts, interpolated linearly.
-Percentiles = tuple[tuple[Annotated[float, Meta(ge=0.0, le=100.0)], Level], ...]
+# Rising percentages of the taxels and the values at them, interpolated linearly.
+Percentage = Annotated[float, Meta(ge=0.0, le=100.0)]
+Percentiles = tuple[tuple[Percentage, Level], ...]
+Ratios = tuple[tuple[Percentage, Annotated[float, Meta(ge=-10.0, le=10.0)]], ...]
 
 
 class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -168,9 +170,10 @@ class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
 
-    Readings without contact are independent and lognormal (assumed); a taxel has the same rank in
-    its noise and its offset. Noise under load at a level s has the deviation a (1 - exp(-s / b)).
-    The sum of m exp(-t / T) over memory_shares m and memory_s T remains after release.
+    Readings without contact are independent, normal, and clipped to 0. A taxel has the same rank in
+    noise_counts and offset_counts, and another in offset_ratios. Noise under load at a level s has
+    also the deviation a (1 - exp(-s / b)). The sum of m exp(-t / T) over memory_shares m and
+    memory_s T remains after release.
     """
 
     white_counts: Level = 0.0  # standard deviation of the noise of each reading
@@ -181,8 +184,9 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     line_crosstalk: Share = 0.0  # of those in its row and column: resistive matrix (assumed)
     gain_spread: Share = 0.0  # deviation of the gains around 1, fixed for an array (assumed)
     dead: tuple[int, ...] = ()  # indices of taxels that read 0
-    noise_counts: Percentiles = ()  # deviation of readings without contact, needs an offset
-    offset_counts: Percentiles = ()  # their mean
+    noise_counts: Percentiles = ()  # deviation of a reading before it is clipped to 0
+    offset_counts: Percentiles = ()  # its mean without contact, to which
+    offset_ratios: Ratios = ()  # these times the deviation are added
     load_noise_counts: Level = 0.0  # median of a
     load_noise_spread: Spread = 0.0  # deviation of the logarithm of a over the taxels
     load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0  # b
@@ -192,12 +196,10 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     memory_spread: Spread = 0.0  # deviation of the logarithm of the taxels' shares
 
     def __post_init__(self) -> None:
-        for name in ("noise_counts", "offset_counts"):
+        for name in ("noise_counts", "offset_counts", "offset_ratios"):
             percentages = [percentage for percentage, _ in getattr(self, name)]
             if percentages != sorted(set(percentages)):
                 raise T2TwinError(f"{name} must have rising percentages")
-        if self.noise_counts and not self.offset_counts:
-            raise T2TwinError("noise_counts needs offset_counts, the mean of these readings")
         if len(self.memory_shares) != len(self.memory_s):
             raise T2TwinError("memory_shares and memory_s must have one value for each term")
 
