@@ -16,7 +16,7 @@ Frames of the whole project, lengths in mm:
   yaw.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -108,7 +108,7 @@ class Shape(Record):
     solid: "trimesh.Trimesh | Solid | Callable[[], Solid]"
     surface: HeightMap
     spacing_mm: tuple[float, float]
-    parameters: dict[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
     base_mm: float | None = None
     notes: tuple[str, ...] = ()
     base_slope: tuple[float, float] = (0.0, 0.0)

@@ -2,9 +2,8 @@
 its files."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.arrays import Record
+from t2twin.core.arrays import Record, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import result_folder, write_csv
 from t2twin.core.machine import installed_version
@@ -87,7 +86,7 @@ class Touch(Record):
 
     shape: Shape
     command: PressCommand
-    readings: dict[str, Reading] = field(default_factory=dict)
+    readings: Mapping[str, Reading] = field(default_factory=dict)
     sensor_to_world: np.ndarray | None = None
     notices: tuple[Notice, ...] = ()
 
@@ -115,8 +114,8 @@ class Touch(Record):
         """Sum of the sizes of all forces that the contacts lack, N."""
         return sum(notice.unread_n for notice in self.notices)
 
-    @cached_property
-    def contacts(self) -> dict[str, Contact]:
+    @kept_property
+    def contacts(self) -> Mapping[str, Contact]:
         """The contacts there are, by sensor, the source's first."""
         of_all = {sensor: reading.contact for sensor, reading in self.readings.items()}
         return {sensor: contact for sensor, contact in of_all.items() if contact is not None}

@@ -28,6 +28,8 @@ def test_scalars_are_numbers(value):
         (arguments.number, float("nan"), "x is nan; expected a finite number"),
         (arguments.whole_number, 1.0, "expected a whole number"),
         (arguments.check_seed, -1, "seed is -1; expected"),
+        (arguments.check_seed, 10**400, "seed is inf; expected"),
+        (arguments.vector, np.ma.masked_equal([1.0, 2.0], 2.0), "expected an array of numbers"),
         (arguments.flag, 1, "expected True or False"),
         (arguments.path, "", "expected a path"),
         (arguments.path, b"x", "expected a path"),

@@ -368,12 +368,12 @@ def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ('extends = "digitt"\n', "there is no sensor 'digitt'.*did you mean digit"),
+        ('extends = "digitt"\n', "extends is 'digitt'.*did you mean digit"),
         ("extends = 3\n", "extends"),
         ("a = [\n", r"mine\.toml: "),
         ("light.leds = [{size_mm = 1.0, color = [1, nan]}]", r"light.leds\[0\].color\[1\] is nan"),
         ("", "kind is missing; expected gel-camera or taxel-array"),
-        ('extends = "digit"\nkind = "taxel-array"\n', "`gel`"),
+        ('extends = "digit"\nkind = "taxel-array"\n', "kind differs"),
     ],
 )
 def test_files_that_are_no_sensors_are_one_sentence(text, sentence, tmp_path):

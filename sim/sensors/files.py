@@ -34,8 +34,7 @@ KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
 }
 """The record and the simulated sensor of each kind."""
 DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
-LIGHT = ("leds", "ambient", "gamma")
-FITTED = {"camera": Camera.__struct_fields__, "light": LIGHT, "gel": DOME}
+FITTED = {"camera": Camera.__struct_fields__, "light": ("leds", "ambient", "gamma"), "gel": DOME}
 """Values with which the optics of a bundled sensor's LEDs are fitted."""
 RESERVED = ("press", "tactile_image", "tactile_picture", *ROLES, "both", "none")
 """Names of files of a saved touch and of choices of commands, which no sensor may have."""
@@ -63,8 +62,8 @@ def path_of(source: str | Path, argument: str = "sensor") -> Path:
         near = nearest(name, bundled_sensors())
         meant = f"; did you mean {near}?" if near else ""
         raise T2TwinError(
-            f"there is no sensor {str(source)!r}; allowed are {', '.join(bundled_sensors())} and "
-            f".toml files{meant}"
+            f"{argument} is {str(source)!r}; expected {', '.join(bundled_sensors())} or a .toml "
+            f"file{meant}"
         )
     return path
 
@@ -106,8 +105,10 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         if path.resolve() in extended:
             raise T2TwinError(f"{path} extends itself; remove one `extends`")
         name = arguments.text(extends, f"{path}: extends")
-        other = path_of(path.parent / name if name.endswith(".toml") else name)
+        other = path_of(path.parent / name if name.endswith(".toml") else name, f"{path}: extends")
         base, folder = _content(other, (*extended, path.resolve()))
+        if content.get("kind", kind := base.get("kind")) != kind:
+            raise T2TwinError(f"{path}: kind differs from that of {name}, {kind!r}; remove one")
     if "file" in _table(content, "layout"):
         folder = path.parent
     optics = _table(content, "light").get("optics")

@@ -91,6 +91,8 @@ def attach(
         if value is not None and option not in allowed:
             names = " and ".join(allowed)
             raise T2TwinError(f"{option} is given, but {device.name} lacks it; it has {names}")
+    if imperfections is not None and seed is None:
+        raise T2TwinError("imperfections have no effect without a seed; give both or none")
     device = device.with_options(options)
     mounted = AttachedSensor(_free_name(spec, name, sensor), device, geometry, rate_hz, seed)
     turn = arguments.vector(quat, "quat", 4)

@@ -78,7 +78,8 @@ def _run(given: list[str]) -> None:
     if any(word == "" or re.fullmatch("--[^=]+=", word) for word in given):
         raise T2TwinError("an argument or the value of an option is empty; give a path or a value")
     named = (Path(word) for before, word in pairwise(given) if before not in OUTPUTS)
-    inputs = [path for path in named if path.is_file()]
+    # False for a word that cannot be a name, where Path.is_file raises OSError
+    inputs = [path for path in named if os.path.isfile(path)]  # noqa: PTH113
     for path in inputs:
         if re.match("-[^-]", str(path)):  # an option to the parser
             raise T2TwinError(f"{path} begins with a dash; give it as ./{path}")

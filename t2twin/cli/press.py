@@ -103,8 +103,10 @@ def sensors(
         contact = _press_ball(loaded)
         path = out or Path("runs/sensors") / f"{loaded.name}.png"
         with result_folder(path.parent, path.name, [path.name]) as folder:
-            loaded.read(contact).picture().save(folder / path.name, "PNG")
-        print(f"{contact_summary(loaded.name, contact)}; wrote {path}")
+            reading = loaded.read(contact)
+            reading.picture().save(folder / path.name, "PNG")
+        print("; ".join([contact_summary(loaded.name, contact), *reading.notes]))
+        print(f"written to {path}")
     else:
         load_sensor(sensor)
         print(path_of(sensor).read_text(encoding="utf-8"), end="")

@@ -30,7 +30,10 @@ def real(value: object, name: str) -> float:
     """A number as a float, which may be infinite or NaN."""
     if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
         raise _wrong(value, name, "a number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:  # of a whole number
+        return math.inf if value > 0 else -math.inf
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
@@ -57,7 +60,7 @@ def _within(value: Number, name: str, low: float, high: float) -> Number:
     elif math.isinf(low):
         allowed = f"of at most {high:g}"
     kind = "a number" if isinstance(value, float) else "a whole number"
-    raise T2TwinError(f"{name} is {value:g}; expected {kind} {allowed}")
+    raise T2TwinError(f"{name} is {real(value, name):g}; expected {kind} {allowed}")
 
 
 def check_seed(seed: int) -> None:
@@ -121,12 +124,12 @@ def function(value: object, name: str) -> None:
 
 
 def array(value: object, name: str) -> np.ndarray:
-    """An array of integers or floats, of any shape."""
+    """An array of integers or floats, of any shape, without masked values."""
     try:
         found = np.asarray(value)
     except (ValueError, TypeError, RuntimeError):  # a ragged list, a tensor with a gradient
         found = np.empty(0, object)
-    if found.dtype.kind not in "iuf":
+    if found.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise _wrong(value, name, "an array of numbers")
     return found
 

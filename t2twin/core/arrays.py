@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cached_property, wraps
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -10,10 +11,12 @@ Value = TypeVar("Value")
 
 
 def kept(value: Any) -> Any:
-    """A read-only copy of an array that can be written; a tuple with such copies."""
+    """A read-only copy of an array or a dict that can be written; a tuple with such copies."""
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = np.array(value)
         value.setflags(write=False)
+    if type(value) is dict:
+        return MappingProxyType({**value})
     return tuple(map(kept, value)) if type(value) is tuple else value
 
 
@@ -40,6 +43,12 @@ class Record:
 
     def __post_init__(self) -> None:
         self.__setstate__(vars(self))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            name: {**value} if isinstance(value, MappingProxyType) else value  # for pickle
+            for name, value in vars(self).items()
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update({name: kept(value) for name, value in state.items()})

@@ -81,8 +81,10 @@ def _opened(source: int | str) -> tuple[Any, Any]:
             "cameras and videos require OpenCV: `pip install 't2twin[live]'`"
         ) from None
     is_camera = isinstance(source, int)
-    capture = cv2.VideoCapture(source, cv2.CAP_ANY if is_camera else cv2.CAP_FFMPEG)
-    if not capture.isOpened():
+    capture = None
+    with suppress(cv2.error):  # such as a number beyond the largest
+        capture = cv2.VideoCapture(source, cv2.CAP_ANY if is_camera else cv2.CAP_FFMPEG)
+    if capture is None or not capture.isOpened():
         name = f"camera {source}" if is_camera else source
         raise T2TwinError(
             f"{name} cannot be opened; expected the number of a free camera, or a video file, such "

@@ -40,12 +40,12 @@ REFUSED = """
 | Press | --no-such-flag | press | press circle-1 square-1 | press circle-1 --force-n
 press circle-1 | --sensor gelsight => gelsight | --flat=yes | --x-mm 1 --x-mm 2,0
 press random-3 --out out | --scale 2 => files only
-PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml
+PRESS | --source gelsight => is 'gelsight' | --target no.toml => no.toml
 PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
 PRESS --sensor cyskin | --markers => markers has no effect | --renderer pyrender => renderer has
 PRESS --sensor digit | --layout cyskin-63 => layout has no effect on digit
 slide circle-1 --out out | => no motion | --dx-mm 1 --path p.csv => --path contains
-SIM | --source gelsight => no sensor 'gelsight' | --layout none => layout | --optics n.npz => n.npz
+SIM | --source gelsight => is 'gelsight' | --layout none => layout | --optics n.npz => n.npz
 SIM | --scheduler foo => scheduler
 simdata --out out | => scale | --scale huge => scale | --renderer x | --recipe gone.toml => gone
 simdata --out out --recipe open | --scale smoke => recipe | --layout cyskin-63 => --layout
