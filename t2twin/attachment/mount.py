@@ -95,11 +95,7 @@ def attach(
         raise T2TwinError("imperfections have no effect without a seed; give both or none")
     device = device.with_options(options)
     mounted = AttachedSensor(_free_name(spec, name, sensor), device, geometry, rate_hz, seed)
-    turn = arguments.vector(quat, "quat", 4)
-    if not turn.any():
-        raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
-    turn /= np.abs(turn).max()
-    pose = arguments.vector(pos, "pos", 3), turn / np.linalg.norm(turn)
+    pose = arguments.vector(pos, "pos", 3), _unit(arguments.vector(quat, "quat", 4))
     place = _place(spec, site, body)
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)
     own = _own_spec(device.mount, mounted.elastomer, friction, depth_m, *pose)
@@ -107,6 +103,14 @@ def attach(
     spec.attach(own, prefix=f"{mounted.name}/", **on)
     prepare_models()
     return mounted
+
+
+def _unit(quat: np.ndarray) -> np.ndarray:
+    """A quaternion of length 1."""
+    if not quat.any():
+        raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
+    quat = quat / np.abs(quat).max()
+    return quat / np.linalg.norm(quat)
 
 
 def _place(
