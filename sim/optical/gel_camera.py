@@ -126,6 +126,7 @@ class GelCamera:
         arguments.choice(self.renderer, "renderer", get_args(Renderer))
         if self.gel is not None:
             arguments.instance(self.gel, "gel", Elastomer)
+            structs.replace(self.spec, gel=self.gel)  # with the checks of a file
         if self.markers is not None:
             printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
             object.__setattr__(self, "markers", printed)

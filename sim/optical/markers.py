@@ -61,7 +61,7 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     def __post_init__(self) -> None:
         pitch = arguments.number(self.pitch_mm, "the markers' pitch_mm", 0.5, 8.0)
         diameter = arguments.number(self.diameter_mm, "the markers' diameter_mm", 0.05, pitch)
-        most = (pitch - diameter) / 2
+        most = round((pitch - diameter) / 2, 9)
         jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
         if (self.columns is None) != (self.rows is None):

@@ -77,17 +77,17 @@ def _run(given: list[str]) -> None:
         return
     if any(word == "" or re.fullmatch("--[^=]+=", word) for word in given):
         raise T2TwinError("an argument or the value of an option is empty; give a path or a value")
-    named = (Path(word) for before, word in pairwise(given) if before not in OUTPUTS)
+    words = [word for before, word in pairwise(given) if before not in OUTPUTS]
     # False for a word that cannot be a name, where Path.is_file raises OSError
-    inputs = [path for path in named if os.path.isfile(path)]  # noqa: PTH113
-    for path in inputs:
-        if re.match("-[^-]", str(path)):  # an option to the parser
-            raise T2TwinError(f"{path} begins with a dash; give it as ./{path}")
+    files_given = [word for word in words if os.path.isfile(word)]  # noqa: PTH113
+    for word in files_given:
+        if re.match(r"-[^-\d.]", word):  # an option to the parser
+            raise T2TwinError(f"{word} begins with a dash; give it as ./{word}")
     if {*given[:1]} & {*ON_ALL_CORES} and "--help" not in given:
         from t2twin.translate.models.distributed import use_all_cores  # slow to import
 
         use_all_cores()
-    files.run_inputs = inputs
+    files.run_inputs = [Path(word) for word in files_given]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", T2TwinWarning)

@@ -33,7 +33,7 @@ def real(value: object, name: str) -> float:
     try:
         return float(value)
     except OverflowError:  # of a whole number
-        return math.inf if math.floor(value) > 0 else -math.inf
+        return math.inf if value > 0 else -math.inf  # pyright: ignore[reportOperatorIssue]
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:

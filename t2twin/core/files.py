@@ -56,7 +56,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
         signal.setitimer(signal.ITIMER_REAL, IMPORT_WAIT_S)
         return
     resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
-    effect = "continues from its last saved state" if resumes else "begins again"
+    effect = "continues from its last saved state, if any" if resumes else "begins again"
     with suppress(OSError):  # standard error is closed
         os.write(2, f"t2twin: stopped; the same command {effect}\n".encode())
     raise SystemExit(128 + number)

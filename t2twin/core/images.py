@@ -20,9 +20,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg")  # of images, lower or upper case
 MAX_FILE_BYTES = 100_000_000  # of image files (assumed: MAX_PIXELS uncompressed, of 64 bits each)
 
 # Exceptions of Pillow for files that are no images, damaged, truncated or too large
-_ERRORS = (
-    OSError, SyntaxError, ValueError, Image.DecompressionBombError, Image.DecompressionBombWarning,
-)  # fmt: skip
+_BOMBS = Image.DecompressionBombError, Image.DecompressionBombWarning
+_ERRORS = OSError, SyntaxError, ValueError, *_BOMBS
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 EIGHT_BIT_RGB = (8, 2, 0, 0, 0)  # bit depth, color type; compression, filter method, interlacing
@@ -34,10 +33,12 @@ def decode_image(content: bytes, formats: tuple[str, ...] = FORMATS) -> Image.Im
     """A decoded image, rotated by its EXIF orientation, in its stored mode.
 
     Raises T2TwinError without the image's name, which the caller adds, for another format, a
-    damaged image, or more than MAX_PIXELS, which its header contains.
+    damaged image, a file of several, or more than MAX_PIXELS, which its header contains.
     """
     try:
         opened = Image.open(io.BytesIO(content), formats=formats)
+    except _BOMBS as error:
+        raise T2TwinError(f"at most {MAX_PIXELS:,} pixels are allowed ({error})") from error
     except _ERRORS as error:
         words = re.sub(r" <_io\.BytesIO[^>]*>", "", str(error))
         raise T2TwinError(f"it is no {' or '.join(formats)} image ({words})") from error
@@ -47,6 +48,8 @@ def decode_image(content: bytes, formats: tuple[str, ...] = FORMATS) -> Image.Im
                 f"it is {image.width} wide, {image.height} high; at most {MAX_PIXELS:,} pixels are "
                 "allowed"
             )
+        if (frames := getattr(image, "n_frames", 1)) > 1:
+            raise T2TwinError(f"it contains {frames} images; expected one in each file")
         try:
             image.load()
             return ImageOps.exif_transpose(image)

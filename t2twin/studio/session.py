@@ -154,7 +154,8 @@ class PressResult:
         as `Twin.slide` does.
         """
         row = self.rows[-1]
-        force_n = row.force_n if state.depth_mm is not None else state.force_n or FORCE_N
+        wanted_n = FORCE_N if state.force_n is None else state.force_n
+        force_n = row.force_n if state.depth_mm is not None else wanted_n
         target = PathRow(state.x_mm, state.y_mm, state.yaw_deg, force_n)
         if target == row:
             return replace(self, state=state, remaining=(0.0, 0.0))

@@ -221,9 +221,10 @@ class ContactEstimate:
             "notes": list(self.notes),
         }
 
-    def save(self, folder: Path, name: str = "contact") -> list[Path]:
+    def save(self, folder: str | Path, name: str = "contact") -> list[Path]:
         """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png. Returns the
         paths. Raises T2TwinError where another's file has one of the names."""
+        folder = arguments.path(folder, "folder")
         with result_folder(folder, f"contact {name}") as temporary:
             return [folder / path.name for path in self.write(temporary, name)]
 
