@@ -7,7 +7,6 @@ a cell in the view of the sensor's file. So the sum of the pressures times that 
 the view, for each unit, whatever its scale and place.
 """
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +19,8 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.arrays import Result, kept_property
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
+from t2twin.core.files import sha256_of
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
@@ -126,7 +126,10 @@ class GelCamera:
         arguments.choice(self.renderer, "renderer", get_args(Renderer))
         if self.gel is not None:
             arguments.instance(self.gel, "gel", Elastomer)
-            structs.replace(self.spec, gel=self.gel)  # with the checks of a file
+            try:
+                structs.replace(self.spec, gel=self.gel)  # the checks of a file
+            except T2TwinError as error:
+                warn(f"{error}; only the contact is right, not the image")
         if self.markers is not None:
             printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
             object.__setattr__(self, "markers", printed)
@@ -186,8 +189,7 @@ class GelCamera:
     @property
     def optics_sha256(self) -> str | None:
         """SHA-256 of the optics file; None for light of LEDs."""
-        path = self.optics_path
-        return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+        return None if self.optics_path is None else sha256_of(self.optics_path)
 
     @property
     def optics_path(self) -> Path | None:
@@ -251,9 +253,8 @@ class GelCamera:
     def elastomer(self) -> Elastomer:
         """The gel that is pressed."""
         gel, own, young_mpa = self.gel or self.own_gel, self.own_gel, self.optics.young_mpa
-        if young_mpa is None or (gel.young_mpa, gel.law) != (own.young_mpa, own.law):
-            return gel
-        return replace(gel, young_mpa=young_mpa)
+        is_own = young_mpa is not None and (gel.young_mpa, gel.law) == (own.young_mpa, own.law)
+        return replace(gel, young_mpa=young_mpa) if is_own else gel
 
     def with_options(self, options: dict[str, Any]) -> "GelCamera":
         """The same sensor with some of OPTIONS, by name; None keeps the present value. optics: a

@@ -173,10 +173,10 @@ def check_pixels(pixels: np.ndarray, size: int, channels: Sequence[int]) -> None
 
 
 def _array(value: object, name: str, expected: str) -> np.ndarray:
-    is_plain = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
-    if is_plain and value.dtype == np.uint8:
+    is_array = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
+    if isinstance(value, np.ndarray) and is_array and value.dtype == np.uint8:
         return value
-    found = f"of {value.dtype}" if is_plain else describe(value)
+    found = f"of {value.dtype}" if isinstance(value, np.ndarray) and is_array else describe(value)
     raise T2TwinError(
         f"{name} is {found}; expected {expected}, NumPy arrays of uint8 from 0 to 255"
     )
