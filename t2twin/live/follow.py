@@ -62,7 +62,7 @@ def follow(
     elif run.has_uncertainty:
         report(NO_BACKGROUND)
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
-    latest, throughput = LatestFrame(source), Throughput()
+    throughput, latest = Throughput(), LatestFrame(source)  # which reads from now on
     report_due_s, last, warned = throughput.began_s + REPORT_EVERY_S, -1, False
     reported = None
     try:
