@@ -136,12 +136,7 @@ def test_the_log_says_where_the_time_went(made):
     assert record["pairs"] == 10 and record["workers"] == 1
     assert list(record["stage_seconds"]) == list(STAGES)
     spent = {stage for stage, seconds in record["stage_seconds"].items() if seconds > 0}
-    assert set(STAGES) - spent == {
-        "contact maps",
-        "dense counts",
-        "light",
-        "motion",
-    }  # which the protocol has not
+    assert set(STAGES) - spent == {"contact maps", "dense counts", "light", "motion"}
     assert sum(record["stage_seconds"].values()) < 2 * record["seconds"]
     assert 50e6 < record["peak_memory_bytes"] < 24e9  # the worker has run other tests
 
@@ -165,7 +160,7 @@ def test_a_pair_is_what_the_sensors_take(made, shapes):
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
     index = table["index"][1].as_py()
     sensors = SensorPair().with_imperfections(None)
-    command = protocol.press_at(shapes("square-1"), index)
+    command = protocol.press_of(shapes("square-1").name, shapes("square-1").spacing_mm, index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
     camera, array = sensors.camera, sensors.array
     image = camera.image(camera.press(shapes("square-1"), command), rng)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from msgspec import structs
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.files import sha256_of
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
@@ -80,6 +80,9 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     config = load_config(tmp_path / "begun")
     weights = find_weights(runs[1], "resnet18", config.preset, config.data)
     assert config.init_from == sha256_of(weights)
+    other = structs.replace(config.data.source, name="other")
+    with pytest.warns(T2TwinWarning, match="new run of images of other, another sensor"):
+        find_weights(runs[1], "resnet18", config.preset, structs.replace(config.data, source=other))
     smoke = PRESETS["resnet18"]["smoke"]
     lower = WARM_START_SHARE * smoke.learning_rate
     assert config.preset == replace(smoke, learning_rate=lower)

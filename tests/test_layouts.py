@@ -8,7 +8,7 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.evaluation.baselines import LAYOUT_FLOOR, representable
 from t2twin.translate.evaluation.evaluate import evaluate
@@ -128,8 +128,25 @@ def test_spellings_of_one_layout(text: str, tmp_path: Path) -> None:
     assert layout.pad_diameter_mm.tolist() == [4.0] * 3
 
 
-def test_keys_that_are_not_read_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "wrong.json"
-    path.write_text(json.dumps({"taxels": [t | {"gain": 2} for t in TAXELS]}))
-    with pytest.raises(T2TwinError, match="gain"):
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (json.dumps({"taxels": [t | {"gain": 2} for t in TAXELS]}), "'gain'"),
+        (json.dumps({"taxels": TAXELS}).replace('"x_mm": 6.0', '"x_mm": 9, "x_mm": 6'), "two keys"),
+        ("x_mm,y_mm\n-6,-6\n0,0.05\n6,6\n", "on one line"),
+    ],
+)
+def test_files_that_contradict_themselves_are_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / ("wrong.json" if "{" in text else "wrong.csv")
+    path.write_text(text)
+    with pytest.raises(T2TwinError, match=said):
         load_layout(path)
+
+
+def test_pads_that_overlap_are_named(tmp_path: Path) -> None:
+    """Pads of 4 mm by default, which at 3.6 mm may be squares side by side."""
+    (tmp_path / "wide.csv").write_text("x_mm,y_mm\n0,0\n3.6,0\n0,9\n")
+    load_layout(tmp_path / "wide.csv")
+    (tmp_path / "near.csv").write_text("x_mm,y_mm\n0,0\n2,0\n0,9\n")
+    with pytest.warns(T2TwinWarning, match="taxels 0 and 1 of layout near overlap"):
+        load_layout(tmp_path / "near.csv")

@@ -16,7 +16,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.frame_order import FrameOrder
 from t2twin.live import sources
-from t2twin.live.follow import follow
+from t2twin.live.follow import RepeatedRows, follow
 from t2twin.live.sources import Frame, LatestFrame, open_source
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
@@ -227,6 +227,17 @@ def test_the_command_writes_lines_and_says_its_pace(untrained_runs, video, capsy
     said = capsys.readouterr()
     assert [len(json.loads(line)["counts"]) for line in said.out.splitlines()] == [20] * 3
     assert said.err.startswith("t2twin: ") and "frames/s" in said.err
+
+
+def test_a_stream_that_is_frozen_in_part_is_reported_once():
+    rng, said = np.random.default_rng(0), []
+    rows_of = RepeatedRows(said.append)
+    noisy = [rng.integers(90, 99, (320, 240, 3), np.uint8) for _ in range(14)]
+    noisy[12][160:], noisy[13][160:] = noisy[11][160:], noisy[11][160:]
+    noisy = [np.vstack([np.zeros_like(image[:20]), image[20:]]) for image in noisy]  # a dark edge
+    found = [rows_of(Frame(image, n, None, 0.0)) for n, image in enumerate(noisy)]
+    assert found == [0] * 12 + [160, 160]
+    assert len(said) == 1 and "frame 12 repeats 160 of 320 rows" in said[0]
 
 
 def test_a_frame_unlike_the_training_is_reported_once(run):

@@ -81,7 +81,8 @@ def test_the_engine_agrees_with_the_oracle(shape):
 def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
     shape = shapes(name)
     for index in protocol.indices(name, protocol.SCALES["smoke"]):
-        contact = solve_contact(shape, protocol.press_at(shape, index), elastomer, pitch)
+        command = protocol.press_of(name, shape.spacing_mm, index)
+        contact = solve_contact(shape, command, elastomer, pitch)
         assert contact.settled and not contact.bottomed
         assert contact.force_n == pytest.approx(8.0, rel=0.005)
         assert (contact.pressure_kpa >= 0).all()

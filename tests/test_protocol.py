@@ -40,8 +40,9 @@ def test_light_has_1000_pairs_of_all_orientations():
 def test_the_grid_turns_with_the_shape(shapes):
     shape = shapes("square-2")
     off_x, off_y = protocol.GRID_OFFSET_MM
-    assert protocol.press_at(shape, 24 * 12).x_mm == pytest.approx(off_x)
-    corner = [protocol.press_at(shape, orientation) for orientation in range(12)]
+    numbers = 24 * 12, *range(12)
+    middle, *corner = (protocol.press_of("", shape.spacing_mm, number) for number in numbers)
+    assert middle.x_mm == pytest.approx(off_x)
     yaws = np.array([press.yaw_rad for press in corner])
     assert yaws == pytest.approx(np.linspace(0, 7 / 4 * np.pi, 12))
     reach = 3 * shape.spacing_mm[0]
@@ -53,7 +54,8 @@ def test_the_grid_turns_with_the_shape(shapes):
 
 @pytest.mark.parametrize("name", ["hemisphere-1", "circle-1", "bump-4", "circle-empty-4"])
 def test_a_round_shape_is_hardly_ever_pressed_twice_in_one_place(name, shapes):
-    presses = [protocol.press_at(shapes(name), index) for index in range(588)]
+    spacing_mm = shapes(name).spacing_mm
+    presses = [protocol.press_of(name, spacing_mm, index) for index in range(588)]
     places = np.array([(press.x_mm, press.y_mm) for press in presses])
     apart = KDTree(places).query(places, k=2)[0][:, 1]
     assert (apart < 0.02).sum() == 0

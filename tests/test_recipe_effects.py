@@ -1,13 +1,14 @@
 """Fields of a recipe that have no effect are refused; so is a share of no shape."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from msgspec import structs
 
 import t2twin
-from t2twin.core.errors import T2TwinError
-from t2twin.sim.sampling.recipe import checked
+from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.sim.sampling.recipe import GEL_CAMERA, TAXEL_ARRAY, bundled_recipes, checked, for_pair
 
 HEAD = 'format = 1\nname = "w"\n'
 PART = (
@@ -49,17 +50,13 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
             f'{DRAWN}optics = "c.npz"\n[light.draw]\nled_size_mm = [1.0, 2.0]\n',
             "led_size_mm of light.draw .* has an optics file",
         ),
-        ("[motion]\n", "motion needs 2 presses"),
-        (
-            "[motion]\nsteps = [100, 100]\n",
-            "motion needs 101 presses or more, by its steps; a part has 2",
-        ),
+        ("[motion]\n", "motion needs 5 presses or more, by its steps; a part has 2"),
+        ("[motion]\nsteps = [1, 1]\nforce_change = [1, 9]\n", "is 40 to 360; expected 0.01 to 100"),
     ],
 )
 def test_a_field_without_effect_is_refused(text: str, said: str, tmp_path: Path) -> None:
-    part = PART.replace("presses = 2", "presses = 1") if text == "[motion]\n" else PART
     with pytest.raises(T2TwinError, match=rf"w\.toml: .*{said}"):
-        load(tmp_path, part + text)
+        load(tmp_path, PART.replace("4.0", "40.0") + text)
 
 
 @pytest.mark.parametrize(
@@ -82,17 +79,27 @@ def test_recipes_from_python_are_checked_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("top, tables, role, said", [
-    ("", DRAWN, "source", r"light\.kind needs a gel camera"),
+    ("", DRAWN, "source", "light needs a gel camera"),
     ("contact_maps = true\n", "", "source", "contact_maps needs a gel camera"),
+    ("background_frames = true\n", "", "source", "background_frames needs a gel camera"),
     ("", "[motion]\nsteps = [1, 1]\nmarkers = 1\n", "source", "markers needs a gel camera"),
     ("", "[motion]\nsteps = [1, 1]\ncover_friction = [1, 2]\n", "target", "needs a taxel array"),
+    ("dense_counts = true\n", "", "target", "dense_counts needs a taxel array"),
 ])  # fmt: skip
 def test_a_field_without_effect_on_the_sensors_is_refused(top, tables, role, said, tmp_path):
-    load(
-        tmp_path, f'{top}{role} = "{"cyskin-63" if role == "source" else "digit"}"\n{PART}{tables}'
-    )
+    other = {"source": "cyskin-63", "target": "digit"}[role]
+    load(tmp_path, f'{top}{role} = "{other}"\n{PART}{tables}')
     with pytest.raises(T2TwinError, match=said):
         t2twin.make_dataset(tmp_path / "out", recipe=tmp_path / "w.toml")
+
+
+@pytest.mark.parametrize("kind, said", [(GEL_CAMERA, ""), (TAXEL_ARRAY, "light needs a gel cam")])
+def test_a_bundled_recipe_is_for_any_pair(kind, said):
+    with pytest.warns(T2TwinWarning, match="it is left out") if said else nullcontext() as found:
+        recipes = [for_pair(t2twin.load_recipe(name), [kind]) for name in bundled_recipes()]
+    assert not said or any(str(each.message).startswith(said) for each in found)
+    frames = {each.background_frames for each in recipes if each.name != "paper"}
+    assert frames == {kind == GEL_CAMERA} == {not each.dense_counts for each in recipes[:1]}
 
 
 def test_a_share_of_no_shape_is_refused(tmp_path: Path) -> None:

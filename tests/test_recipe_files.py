@@ -57,12 +57,6 @@ def test_files_off_the_middle_are_pressed_with_center(solids, tmp_path, shape_ca
     assert len(rows) == 2 and all(row["source_settled"] for row in rows)
 
 
-@pytest.mark.parametrize("more", [{"scale": 25.4}, {"center": True}])
-def test_scale_and_center_are_for_files(more):
-    with pytest.raises(T2TwinError, match="for files only"):
-        Part(shapes="tools", split="test", presses=2, place=NEAR, **more)
-
-
 def test_two_files_of_one_name_are_refused(solids, tmp_path):
     trimesh.creation.box((6, 4, 3)).export(solids / "a.stl")
     trimesh.creation.box((5, 5, 5)).export(solids / "a.obj")

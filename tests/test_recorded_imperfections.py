@@ -21,7 +21,8 @@ from t2twin.translate.inference.estimate import Estimate
 
 ARRAY = taxel_array()
 LAYOUT, COUNTS, RECORDED = ARRAY.layout, ARRAY.spec.counts, ARRAY.spec.imperfections["recorded"]
-FRAME_S, SAMPLE_S = 1.0 / (COUNTS.rate_hz or 0.0), COUNTS.sample_s  # it states its rate
+FRAME_S = 1.0 / (COUNTS.rate_hz or 0.0)  # it states its rate
+SAMPLE_S = COUNTS.readings * FRAME_S
 LEVEL = 10_000.0
 QUIET = structs.replace(
     RECORDED, noise_counts=(), offset_ratios=(), load_noise_counts=0.0, memory_spread=0.0

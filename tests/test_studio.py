@@ -16,7 +16,7 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM
-from t2twin.sim.sampling.protocol import indices, press_at, scale_of
+from t2twin.sim.sampling.protocol import SCALES, indices, press_of
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.studio import cards, scene
 from t2twin.studio.session import COMMAND_FILE, PressState, Session, protocol_press
@@ -84,7 +84,8 @@ def test_another_sensor_begins_with_its_own_options():
 
 
 def test_presses_of_the_protocol_are_found_by_their_number(shapes):
-    command = press_at(shapes("square-2"), indices("square-2", scale_of("small"))[5])
+    number = indices("square-2", SCALES["small"])[5]
+    command = press_of("square-2", shapes("square-2").spacing_mm, number)
     state = protocol_press(PressState("square-2", force_n=3.0), "small", 5)
     assert (state.x_mm, state.y_mm, state.force_n) == (command.x_mm, command.y_mm, 8.0)
     assert np.deg2rad(state.yaw_deg) == pytest.approx(command.yaw_rad)
@@ -103,15 +104,6 @@ def test_any_two_sensors_are_pressed(tmp_path):
         for name in touch.readings:
             assert seen.touch.contacts[name].depth_mm == touch.contacts[name].depth_mm
         assert all(f'data-name="{name}"' in html(seen) for name in touch.readings)
-
-
-def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
-    file = tmp_path / "line.csv"
-    file.write_text("x_mm,y_mm\n0,-5\n0,0\n0,5\n")
-    seen = session.press(PressState(SHAPE, layout=str(file)))
-    with pytest.raises(T2TwinError, match="line") as no_image:
-        _ = seen.touch.tactile_image
-    assert str(no_image.value) in html(seen)
 
 
 # Translators

@@ -334,7 +334,7 @@ def protocol_times(sensor: Sensor) -> dict[str, float]:
     unsettled = 0
     for _ in range(ROUNDS):
         for row, (shape, index) in enumerate(commands):
-            command = protocol.press_at(shape, index)
+            command = protocol.press_of(shape.name, shape.spacing_mm, index)
             contact = solve_contact(shape, command, sensor.own, sensor.pitch_mm)
             best[row] = min(best[row], contact.milliseconds)
             unsettled += not contact.settled

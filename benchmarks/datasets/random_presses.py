@@ -37,10 +37,10 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.plan import (
+    SEEDS_PER_RECIPE,
     MotionPath,
     PressSample,
     path_attempts,
-    random_name,
     sample_force,
 )
 from t2twin.sim.sampling.recipe import Recipe, load_recipe
@@ -162,7 +162,7 @@ def press_some(first: int, last: int) -> Pressed:
     recipe = structs.replace(load_recipe("open"), seed=SEED)
     sensors.press(random_shape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
     for number in range(first, min(first + CHUNK, last)):
-        shape = catalogue.load(random_name(SEED, number))
+        shape = catalogue.load(f"random-{SEED * SEEDS_PER_RECIPE + number}")
         for press in range(A_SHAPE):
             _press(recipe, shape, number, press, sensors, made)
     return made
@@ -208,9 +208,9 @@ def press_tool(name: str) -> list[tuple[float, ...]]:
     sensors, shape = SensorPair(), catalogue.load(name)
     forces = load_recipe("open").parts[0].force_n
     place, rows = catalogue.NAMES.index(name), []
-    for index in protocol.indices(name, protocol.scale_of("paper")):
+    for index in protocol.indices(name, protocol.SCALES["paper"]):
         rng = np.random.default_rng((SEED, place, index))
-        at = protocol.press_at(shape, index)
+        at = protocol.press_of(name, shape.spacing_mm, index)
         force_n = sample_force(rng, forces)
         command = PressCommand(name, at.x_mm, at.y_mm, at.yaw_rad, force_n)
         rows.append(_values(sensors.press(shape, command, rng)))

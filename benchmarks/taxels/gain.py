@@ -56,8 +56,8 @@ def largest_pad_pressures_mpa(sensor: TaxelArray, scale: str) -> np.ndarray:
     names = [name for name in catalogue.PRIMITIVES if catalogue.split(name) == "train"]
     for name in tqdm(names, desc="gain", unit="shape"):
         shape = catalogue.load(name)
-        for index in protocol.indices(name, protocol.scale_of(scale)):
-            contact = sensor.press(shape, protocol.press_at(shape, index))
+        for index in protocol.indices(name, protocol.SCALES[scale]):
+            contact = sensor.press(shape, protocol.press_of(shape.name, shape.spacing_mm, index))
             largest.append(pad_pressure_mpa(contact, sensor.layout).max())
     return np.array(largest)
 

@@ -25,7 +25,7 @@ REPEATS = 3
 
 def main() -> None:
     presses = [
-        (shape, protocol.press_at(shape, index))
+        (shape, protocol.press_of(shape.name, shape.spacing_mm, index))
         for shape in map(catalogue.load, catalogue.NAMES)
         for index in protocol.indices(shape.name, protocol.SCALES[SCALE])
     ]

@@ -99,7 +99,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
     from t2twin.translate.models.presets import PRESETS
     from t2twin.translate.runs.checkpoint import TRANSLATORS, has_bf16
 
-    preset, scale = PRESETS[model]["paper"], protocol.scale_of("paper")
+    preset, scale = PRESETS[model]["paper"], protocol.SCALES["paper"]
     pairs = sum(
         len(protocol.indices(name, scale))
         for name in catalogue.PRIMITIVES

@@ -153,7 +153,7 @@ TABLE: tuple[tuple[Column, ...], ...] = (
     ),
     (
         _unit(UNIT, pa.int64(), "", "number of the unit in its part of the recipe",
-              lambda r: r.has_more),
+              lambda r: r.dense_counts or r.background_frames or r.motion or r.contact_maps),
         _unit(BACKGROUND, IMAGE_TYPE, "grey levels", "background frame of the unit, PNG",
               lambda r: r.background_frames),
         _unit(MARKERS, pa.bool_(), "", "whether the unit has markers", lambda r: r.motion),

@@ -57,7 +57,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.plan import Batch, load_shape, plan, solids_in
-from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, check_kinds, checked, load_recipe
+from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, checked, for_pair, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -125,7 +125,7 @@ def make_dataset(
     if recipe == PAPER and scale is None:
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
-    check_kinds(recipe, [sensor.spec.kind for sensor in sensors.by_name.values()])
+    recipe = for_pair(recipe, [sensor.spec.kind for sensor in sensors.by_name.values()])
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
         if workers is not None:
@@ -162,7 +162,7 @@ def build_info(
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
-    optional = recipe.dense_counts, bool(recipe.contact_maps)
+    optional = bool(recipe.dense_counts), bool(recipe.contact_maps)
     return DatasetInfo(
         format=FORMAT,
         complete=False,
@@ -209,15 +209,18 @@ def _recipe(
         if seed is not None:
             recipe = structs.replace(recipe, seed=seed)
     else:
-        protocol.scale_of(arguments.text(scale, "scale"))
+        arguments.choice(scale, "scale", [*protocol.SCALES])
         paper = load_recipe(PAPER)
         parts = tuple(structs.replace(part, scale=scale) for part in paper.parts)
         recipe = structs.replace(paper, seed=seed or 0, parts=parts)
+    light = recipe.light
     if sensors is not None:
         arguments.instance(sensors, "sensors", SensorPair)
+        options = recipe.layout, recipe.imperfections, light.optics, light.frames
+        if any(options) or light.renderer != "baked":
+            raise T2TwinError("the recipe has options of its sensors; leave out these or `sensors`")
         names = {"source": sensors.source.name, "target": sensors.target.name}
         return structs.replace(recipe, **names), sensors
-    light = recipe.light
     renderer = None if light.renderer == "baked" else light.renderer
     sensors = SensorPair.of(
         recipe.source, recipe.target, layout=recipe.layout, frames=light.frames, renderer=renderer

@@ -51,6 +51,11 @@ class _SensorInfo(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     spec: dict[str, Any] | None = None  # content of its file, for a simulated sensor
     pitch_mm: Positive | None = None  # of the contact's grid
 
+    @property
+    def words(self) -> str:
+        """Its readings in words."""
+        return f"{'images' if isinstance(self, CameraInfo) else 'counts'} of {self.name}"
+
 
 class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
     """A gel camera of a dataset or a run."""
@@ -65,16 +70,6 @@ class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
     contact_grid: tuple[Size, Size] | None = None  # rows and columns of the contact maps
     noise_grey: Annotated[float, Meta(ge=0)] | None = None  # standard deviation of an image's noise
     optics_sha256: str | None = None  # of the optics file
-
-    @property
-    def aspect(self) -> float:
-        """Width over height of an image."""
-        return self.image_shape[1] / self.image_shape[0]
-
-    @property
-    def words(self) -> str:
-        """Its readings in words."""
-        return f"images of {self.name}"
 
     def fits(self, other: "SensorInfo") -> bool:
         """Whether a network of this sensor also takes or gives the readings of another."""
@@ -115,11 +110,6 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
     def full_scale(self) -> float:
         """Full scale of the readings, counts."""
         return float(self.full_scale_counts)
-
-    @property
-    def words(self) -> str:
-        """Its readings in words."""
-        return f"counts of {self.name}"
 
     @property
     def reading(self) -> CountsTable:

@@ -242,9 +242,6 @@ def iter_images(folder: str | Path, shard: str, name: str) -> Iterator[bytes]:
     name: of a column of images or background frames. Raises T2TwinError for a damaged shard.
     """
     with _opened(folder, shard, read_info(folder)) as file:
-        names = file.schema_arrow.names
-        if name not in names or file.schema_arrow.field(name).type != IMAGE_TYPE:
-            raise T2TwinError(f"{Path(folder) / shard} has no column of images {name}")
         for batch in file.iter_batches(BATCH_ROWS, columns=[name]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""

@@ -306,10 +306,6 @@ class GelCamera:
         """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.elastomer, self.pitch_mm)
 
-    def prepare(self, contact: Contact) -> None:
-        """Compute what an image needs of a contact."""
-        _ = contact.surface_mm
-
     def read(
         self, contact: Contact | None, rng: np.random.Generator | None = None,
         before: "ImageReading | None" = None, seconds: float | None = None,

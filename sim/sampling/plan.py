@@ -144,7 +144,7 @@ def _part_batches(
     if part.place == "grid":
         for place, name in enumerate(shapes):
             # all forces of a list at each grid press
-            grid = protocol.indices(name, protocol.scale_of(str(part.scale)))
+            grid = protocol.indices(name, protocol.SCALES[str(part.scale)])
             forces = len(part.force_n) if isinstance(part.force_n, tuple) else 1
             own = tuple(index * forces + which for index in grid for which in range(forces))
             split = _split(part, name, place, len(shapes))
@@ -177,7 +177,8 @@ def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, .
             raise T2TwinError(f"seed is {recipe.seed}; it must be at most {MAX_SHAPE_SEED}")
         # No two parts share a shape, since their splits may differ.
         before = sum(earlier.count or 0 for earlier in recipe.parts[:number])
-        return tuple(random_name(recipe.seed, before + place) for place in range(part.count))
+        first = recipe.seed * SEEDS_PER_RECIPE + before
+        return tuple(f"{RANDOM_PREFIX}{first + place}" for place in range(part.count))
     if part.shapes in ("primitives", "tools"):
         of = PRIMITIVES if part.shapes == "primitives" else catalogue.OBJECTS
         return tuple(name for name in of if name in names)
@@ -189,11 +190,6 @@ def _split(part: Part, name: str, place: int, shapes: int) -> Split:
         return catalogue.split(name)  # pyright: ignore[reportReturnType]
     is_last = place >= shapes - round(part.val_share * shapes)
     return "val" if is_last else part.split
-
-
-def random_name(seed: int, number: int) -> str:
-    """Name of the number-th random shape of a recipe."""
-    return f"{RANDOM_PREFIX}{seed * SEEDS_PER_RECIPE + number}"
 
 
 def max_attempts(part: Part) -> int:

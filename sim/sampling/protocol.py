@@ -9,9 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand
 
 FORCE_N = 8.0  # commanded along the press axis (Grella et al. 2023)
@@ -59,13 +57,6 @@ def grid_of(name: str) -> tuple[int, int]:
     return OBJECT_GRID if name in catalogue.OBJECTS else PRIMITIVE_GRID
 
 
-def scale_of(name: str) -> Scale:
-    """A scale by name. Raises T2TwinError for an unknown one."""
-    if name not in SCALES:
-        raise T2TwinError(f"no scale {name!r}; allowed are {', '.join(SCALES)}")
-    return SCALES[name]
-
-
 def indices(name: str, scale: Scale) -> list[int]:
     """Indices of a shape's presses at a scale, rising."""
     side, orientations = grid_of(name)
@@ -80,11 +71,6 @@ def indices(name: str, scale: Scale) -> list[int]:
         for n, (row, column) in enumerate(points)
         for k in range(turns)
     )
-
-
-def press_at(shape: Shape, index: int) -> PressCommand:
-    """The press of a shape with an index."""
-    return press_of(shape.name, shape.spacing_mm, index)
 
 
 def press_of(name: str, spacing_mm: tuple[float, float], index: int) -> PressCommand:

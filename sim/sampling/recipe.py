@@ -5,11 +5,11 @@ from math import log
 from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
+from msgspec import UNSET, Meta, Struct, UnsetType, structs, to_builtins
 
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.records import convert, read_toml
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
@@ -37,9 +37,6 @@ MotionShare = Annotated[float, Meta(ge=0.0, le=1.0)]
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
 Reach = Annotated[float, Meta(ge=0.0, le=25.0)]
 Tilt = Annotated[float, Meta(ge=0.0, le=MAX_TILT_DEG)]
-Shapes = Annotated[int, Meta(ge=1, le=1_000_000)]
-Presses = Annotated[int, Meta(ge=1, le=MAX_PRESSES)]
-Frames = Annotated[int, Meta(ge=1, le=10_000)]
 Length = Annotated[float, Meta(ge=0.01, le=25.0)]
 Turn = Annotated[float, Meta(ge=0.1, le=180.0)]
 Steps = Annotated[int, Meta(ge=1, le=100)]
@@ -116,8 +113,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 
     shapes: str
     split: Literal["train", "val", "test", "by-version"] = "train"
-    count: Shapes | None = None
-    presses: Presses | None = None
+    count: Annotated[int, Meta(ge=1, le=1_000_000)] | None = None
+    presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "light", "small", "paper"] | Annotated[float, Meta(gt=0)] = "paper"
     center: bool | UnsetType = UNSET
@@ -149,6 +146,14 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
                 raise T2TwinError(f"the part of {self.shapes} shapes: {reason}")
 
     @property
+    def range_n(self) -> tuple[float, float]:
+        """Smallest and largest force of its presses, N."""
+        if isinstance(self.force_n, ForceRange):
+            return self.force_n.low, self.force_n.high
+        listed = self.force_n if isinstance(self.force_n, tuple) else (self.force_n,)
+        return min(listed), max(listed)
+
+    @property
     def solid_scale(self) -> float | None:
         """mm per unit of the files; None for their own unit."""
         return None if isinstance(self.scale, str) else float(self.scale)
@@ -168,7 +173,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     renderer: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
     fixed_share: Share = 0.0
-    frames: Frames | None = None
+    frames: Annotated[int, Meta(ge=1, le=10_000)] | None = None
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
@@ -212,6 +217,18 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
             if low > high:
                 raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")
 
+    def check_part(self, part: Part) -> None:
+        """Raises T2TwinError for a part whose presses or forces its paths would exceed."""
+        if part.presses is not None and part.presses <= self.steps[1]:
+            needed = f"motion needs {self.steps[1] + 1} presses or more, by its steps"
+            raise T2TwinError(f"{needed}; a part has {part.presses}")
+        ends_n = [n * change for n, change in zip(part.range_n, self.force_change, strict=True)]
+        if ends_n[0] < FORCE_RANGE_N[0] or ends_n[1] > FORCE_RANGE_N[1]:
+            raise T2TwinError(
+                f"force_n times force_change of motion is {ends_n[0]:g} to {ends_n[1]:g}; expected "
+                f"{FORCE_RANGE_N[0]:g} to {FORCE_RANGE_N[1]:g}"
+            )
+
 
 EFFECTS = (
     ("light", "kind", "fixed", "each draw fixed_share artifacts"),
@@ -232,11 +249,13 @@ EFFECTS = (
     ("light.artifacts", "drift_grey", 0, "drift_even_part"),
 )
 """Of a table, the amounts of an effect, the value of all that disables it, and its details."""
-# Keys that have an effect on sensors of a kind only
+# Keys that have an effect on sensors of a kind only; each is valid without those before it
 KINDS = {
-    GEL_CAMERA: ("contact_maps", "light.kind", "motion.markers", "motion.gel_friction"),
-    TAXEL_ARRAY: ("motion.cover_friction",),
-}
+    GEL_CAMERA: (
+        "contact_maps", "background_frames", "motion.markers", "motion.gel_friction", "light",
+    ),
+    TAXEL_ARRAY: ("dense_counts", "motion.cover_friction"),
+}  # fmt: skip
 NEEDS = {0: "above 0", 1: "below 1", "fixed": '= "drawn"'}  # by the value that disables an effect
 
 
@@ -256,13 +275,30 @@ def _check_effects(table: str, record: Struct) -> None:
                     raise T2TwinError(f"{name} of {table} needs {needed}")
 
 
-def check_kinds(recipe: "Recipe", kinds: Sequence[str]) -> None:
-    """Raises T2TwinError for a key without effect on the pair of sensors of these kinds."""
+def for_pair(recipe: "Recipe", kinds: Sequence[str]) -> "Recipe":
+    """The recipe, complete, for a pair of sensors of these kinds.
+
+    Keys without effect on them are left out of a bundled recipe, with a T2TwinWarning; of any other
+    recipe they raise T2TwinError.
+    """
+    own, is_bundled = {"source": SOURCE, "target": TARGET, "seed": 0}, False
+    if recipe.name in bundled_recipes():
+        bundled = structs.replace(load_recipe(recipe.name), **own)
+        is_bundled = structs.replace(recipe, **own) == bundled
     for key, needed in ((key, kind) for kind in KINDS if kind not in kinds for key in KINDS[kind]):
         *table, name = key.split(".")
         record = getattr(recipe, table[0]) if table else recipe
-        if record and getattr(record, name) not in (False, _defaults(record)[name]):
-            raise T2TwinError(f"{key} needs a {needed.replace('-', ' ')}; neither sensor is one")
+        if not record or getattr(record, name) in (False, default := _defaults(record)[name]):
+            continue
+        found = f"{key} needs a {needed.replace('-', ' ')}; neither sensor is one"
+        if not is_bundled:
+            raise T2TwinError(found)
+        warn(f"{found}, so it is left out of the recipe {recipe.name}")
+        record = structs.replace(record, **{name: default})
+        recipe = structs.replace(recipe, **{table[0]: record}) if table else record
+    has = {"dense_counts": TAXEL_ARRAY in kinds, "background_frames": GEL_CAMERA in kinds}
+    missing = {name: value for name, value in has.items() if getattr(recipe, name) is UNSET}
+    return structs.replace(recipe, **missing)
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -281,8 +317,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     layout: str | None = None
     imperfections: str | None = None
     light: Light = Light()
-    dense_counts: bool = True
-    background_frames: bool = True
+    dense_counts: bool | UnsetType = UNSET  # unless given: whether the pair has such a sensor
+    background_frames: bool | UnsetType = UNSET  # the same
     motion: Motion | UnsetType = UNSET
     contact_maps: bool | UnsetType = UNSET
 
@@ -298,10 +334,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
         if self.motion and len(own) == len(self.parts):
             raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
-        presses = min(part.presses or MAX_PRESSES for part in self.parts)
-        if self.motion and self.motion.still < 1.0 and presses <= self.motion.steps[0]:
-            needed = f"motion needs {self.motion.steps[0] + 1} presses or more, by its steps"
-            raise T2TwinError(f"{needed}; a part has {presses}")
+        for part in self.parts:
+            if self.motion and self.motion.still < 1.0 and part.presses:
+                self.motion.check_part(part)
         if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
             raise T2TwinError(
                 f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "
@@ -319,17 +354,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def force_range_n(self) -> tuple[float, float]:
         """Smallest and largest force of its presses, N, before a path changes it."""
-        ends: list[float] = []
-        for force in (part.force_n for part in self.parts):
-            listed = (force.low, force.high) if isinstance(force, ForceRange) else force
-            ends += listed if isinstance(listed, tuple) else (listed,)
-        return min(ends), max(ends)
-
-    @property
-    def has_more(self) -> bool:
-        """Whether its pairs have more columns than the protocol's."""
-        own = self.dense_counts, self.background_frames, self.motion, self.contact_maps
-        return any(map(bool, own))
+        lows, highs = zip(*(part.range_n for part in self.parts), strict=True)
+        return min(lows), max(highs)
 
 
 def bundled_recipes() -> tuple[str, ...]:

@@ -7,13 +7,12 @@ file beside them states the same values or none, and has no other light.
 """
 
 import math
-import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.records import convert, nearest, read_toml
 from t2twin.sim.optical.camera import LIMITS, Camera
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -42,7 +41,7 @@ NEEDS = {
     "drift_share": "drift_counts", "drift_counts": "drift_share", "offset_ratios": "noise_counts",
     "load_noise_spread": "load_noise_counts", "load_noise_level_counts": "load_noise_counts",
     "memory_rise_s": "memory_s", "memory_spread": "memory_s", "seed": "jitter_mm",
-    "dome_flat_mm": "dome_length_radius_mm",
+    "dome_flat_mm": "dome_length_radius_mm", "frames": "noise_grey",
 }  # fmt: skip
 """Keys of any table that have no effect without another one beside them."""
 
@@ -186,14 +185,6 @@ def spec_of(content: dict[str, Any], source: object) -> Spec:
     if kind not in KINDS:
         given = "missing" if kind is None else repr(kind)
         raise T2TwinError(f"{source}: kind is {given}; expected {' or '.join(KINDS)}")
-    presets = _table(content, "imperfections")
-    has_memory = any(_table(presets, name).get("memory_s") for name in presets)
-    unused = ("camera", "rate_hz"), ("counts", "bits"), ("counts", "rate_hz")
-    removed = []
-    for table, key in unused[: 2 if has_memory else 3]:
-        if key in (values := _table(content, table)):
-            content = content | {table: {k: v for k, v in values.items() if k != key}}
-            removed.append(f"{source}: {table}.{key} has no effect; remove it")
     spec = convert(content, KINDS[kind][0], source)
     if spec.name in RESERVED:
         raise T2TwinError(
@@ -202,8 +193,8 @@ def spec_of(content: dict[str, Any], source: object) -> Spec:
     _check_needs(content, f"{source}: ")
     if isinstance(spec, GelCameraSpec):
         _check_fitted(spec, source)
-    for message in removed:
-        warnings.warn(message, T2TwinWarning, stacklevel=2)
+    elif spec.counts.rate_hz and not any(each.memory_s for each in spec.imperfections.values()):
+        warn(f"{source}: counts.rate_hz has no effect without imperfections with a memory")
     return spec
 
 

@@ -127,7 +127,6 @@ class SensorPair:
             if command.force_n != 0.0:
                 with timed(f"press {role}"):
                     contact = sensor.press(shape, command)
-                    sensor.prepare(contact)
             with timed(f"read {role}"):
                 readings[name] = sensor.read(contact, rng, earlier.get(name))
         return Touch(shape, command, readings)

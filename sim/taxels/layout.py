@@ -1,15 +1,14 @@
 """Taxel layouts, which are JSON or CSV files."""
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.arrays import Record
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.records import REMARKS, check_names, convert, read_json
 from t2twin.sim.tables import read_rows
 
@@ -32,7 +31,7 @@ class _Taxel:
 
     x_mm: float
     y_mm: float
-    pad_diameter_mm: Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)] = PAD_DIAMETER_MM
+    pad_diameter_mm: float = PAD_DIAMETER_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +95,30 @@ class Layout(Record):
         return np.hypot(self.x_mm[:, None] - other.x_mm, self.y_mm[:, None] - other.y_mm)
 
 
+@lru_cache(maxsize=64)  # warns once of each
+def check_layout(layout: Layout) -> None:
+    """Raises T2TwinError for a user's taxels on one line, and warns of pads that overlap.
+
+    They overlap if squares of their area side by side would: a file may have square pads.
+    """
+    places = np.column_stack([layout.x_mm, layout.y_mm])
+    across = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)[2][1]
+    if np.ptp(places @ across) < CLOSEST_MM:
+        raise T2TwinError(
+            f"the taxels of layout {layout.name} lie on one line; a tactile image is interpolated "
+            "between three that do not"
+        )
+    sizes_mm = layout.pad_diameter_mm / SQUARE_TO_ROUND
+    free_mm = layout.distances_mm(layout) - (sizes_mm[:, None] + sizes_mm) / 2
+    np.fill_diagonal(free_mm, np.inf)
+    if free_mm.min() < -CLOSEST_MM:
+        one, other = np.unravel_index(free_mm.argmin(), free_mm.shape)
+        warn(
+            f"the pads of taxels {one} and {other} of layout {layout.name} overlap; each count is "
+            "computed as if the other pad were not there; pad_diameter_mm is probably too large"
+        )
+
+
 def layout_names() -> tuple[str, ...]:
     """Names of the bundled layouts."""
     return tuple(sorted(path.stem for path in LAYOUTS.glob("*.json")))
@@ -106,7 +129,8 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
     None for the working directory.
 
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}, with REMARKS; CSV:
-    columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
+    columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else, and
+    warns, as check_layout.
     """
     path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     base = Path() if folder is None else arguments.path(folder, "folder")
@@ -132,4 +156,6 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
         rows = convert(content.get("taxels"), tuple[_Taxel, ...], f"{path}, taxels")
         given = sorted({key for taxel in content["taxels"] for key in taxel})
         check_names(given, [*names, *REMARKS], f"{path}: a taxel", what="key")
-    return Layout(path.stem, *(np.array([getattr(row, name) for row in rows]) for name in names))
+    layout = Layout(path.stem, *(np.array([getattr(row, name) for row in rows]) for name in names))
+    check_layout(layout)
+    return layout

@@ -32,7 +32,8 @@ def read_after(
     sample before; None for the readings' duration. readings: None for the number of the counts.
     """
     n, readings = layout.size, readings or counts.readings
-    seconds = counts.sample_s if seconds is None else seconds
+    if seconds is None:  # only a memory depends on it
+        seconds = counts.readings / (counts.rate_hz or 1.0)
     gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
     mixed = true_counts
     if flaws.crosstalk:

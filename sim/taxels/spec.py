@@ -14,12 +14,14 @@ from t2twin.sim.taxels.layout import (
     MAX_TAXELS,
     SQUARE_TO_ROUND,
     Layout,
+    check_layout,
     load_layout,
 )
 
 KIND = "taxel-array"
 
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
+Length = Annotated[float, Meta(ge=0.05, le=LARGEST_PAD_MM)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
 Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
@@ -41,25 +43,21 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         None
     )
     pitch_mm: Annotated[
-        float | None, Meta(description="distance of neighboring taxels of the grid")
+        Length | None, Meta(description="distance of neighboring taxels of the grid")
     ] = None
     pad: Annotated[
         Literal["round", "square"] | None, Meta(description="shape of the grid's pads")
     ] = None
-    pad_mm: Annotated[float | None, Meta(description="diameter or side of the grid's pads")] = None
+    pad_mm: Annotated[Length | None, Meta(description="diameter or side of the grid's pads")] = None
 
     def __post_init__(self) -> None:
         names = ("rows", "columns", "pitch_mm", "pad", "pad_mm")
         given = [name for name in names if getattr(self, name) is not None]
         if (self.file is None) != (len(given) == len(names)) or (self.file and given):
             raise T2TwinError(f"expected file, or all of {', '.join(names)}")
-        for name in ("pitch_mm", "pad_mm"):
-            value = getattr(self, name)
-            if value is not None and not 0.05 <= value <= LARGEST_PAD_MM:
-                raise T2TwinError(f"{name} is {value:g}; expected 0.05 to {LARGEST_PAD_MM:g}")
 
     def layout(self, name: str, folder: str) -> Layout:
-        """The layout. folder: of the sensor's file."""
+        """The layout, checked. folder: of the sensor's file."""
         if self.file is not None:
             return load_layout(self.file, Path(folder))
         assert self.rows and self.columns and self.pitch_mm and self.pad_mm
@@ -67,7 +65,9 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         counts = self.columns, self.rows
         x, y = ((np.arange(count) - (count - 1) / 2) * self.pitch_mm for count in counts)
         x, y = (each.ravel() for each in np.meshgrid(x, y))
-        return Layout(name, x, y, np.full(x.size, pad_mm))
+        layout = Layout(name, x, y, np.full(x.size, pad_mm))
+        check_layout(layout)
+        return layout
 
 
 class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -79,32 +79,29 @@ class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defa
 
     law: Annotated[Literal["capacitive", "piezoresistive"], Meta(description="law of the signal")]
     modulus_mpa: Annotated[
-        float | None, Meta(description="capacitive: small-strain modulus of the dielectric")
+        Annotated[float, Meta(ge=0.001, le=1e3)] | None,
+        Meta(description="capacitive: small-strain modulus of the dielectric"),
     ] = None
     largest_strain: Annotated[
-        float | None, Meta(description="capacitive: largest strain of the dielectric")
+        Annotated[float, Meta(ge=0.01, le=0.95)] | None,
+        Meta(description="capacitive: largest strain of the dielectric"),
     ] = None
     a_per_kpa: Annotated[
-        float | None, Meta(description="piezoresistive: slope of the conductance at no pressure")
+        Annotated[float, Meta(ge=1e-6, le=1e3)] | None,
+        Meta(description="piezoresistive: slope of the conductance at no pressure"),
     ] = None
     b_per_kpa: Annotated[
-        float | None, Meta(description="piezoresistive: pressure that halves the slope, inverted")
+        Annotated[float, Meta(ge=0.0, le=1e3)] | None,
+        Meta(description="piezoresistive: pressure that halves the slope, inverted"),
     ] = None
 
     def __post_init__(self) -> None:
-        limits = {
-            "capacitive": {"modulus_mpa": (0.001, 1e3), "largest_strain": (0.01, 0.95)},
-            "piezoresistive": {"a_per_kpa": (1e-6, 1e3), "b_per_kpa": (0.0, 1e3)},
-        }
-        for law, names in limits.items():
-            for name, (low, high) in names.items():
-                value = getattr(self, name)
-                if law != self.law and value is not None:
-                    raise T2TwinError(f"{name} is not of the law {self.law}; leave it out")
-                if law == self.law and (value is None or not low <= value <= high):
-                    raise T2TwinError(
-                        f"{name} is {value}; the law {law} needs it, from {low:g} to {high:g}"
-                    )
+        capacitive = "modulus_mpa", "largest_strain"
+        for name in (*capacitive, "a_per_kpa", "b_per_kpa"):
+            is_own = (name in capacitive) == (self.law == "capacitive")
+            if is_own == (getattr(self, name) is None):
+                way = "needed by" if is_own else "not of"
+                raise T2TwinError(f"{name} is {way} the law {self.law}")
 
     def signal(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """The signal of pressures, same shape; 0 where there is none."""
@@ -130,17 +127,9 @@ class CountsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         int, Meta(ge=1, le=10_000, description="readings averaged for the counts of a press")
     ] = 1
     rate_hz: Annotated[
-        float | None, Meta(description="readings per second, for imperfections with a memory")
+        Annotated[float, Meta(ge=1e-4, le=1e4)] | None,
+        Meta(description="readings per second, for imperfections with a memory"),
     ] = None
-
-    def __post_init__(self) -> None:
-        if self.rate_hz is not None:
-            arguments.number(self.rate_hz, "rate_hz", 1e-4, 1e4)
-
-    @property
-    def sample_s(self) -> float:
-        """Duration of the averaged readings, s; only a memory depends on it."""
-        return self.readings / (self.rate_hz or 1.0)
 
 
 class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -197,9 +186,9 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         for name in ("noise_counts", "offset_counts", "offset_ratios"):
-            percentages = [percentage for percentage, _ in getattr(self, name)]
-            if percentages != sorted(set(percentages)):
-                raise T2TwinError(f"{name} must have rising percentages")
+            percentages, values = ([each[n] for each in getattr(self, name)] for n in (0, 1))
+            if percentages != sorted(set(percentages)) or values != sorted(values):
+                raise T2TwinError(f"{name} must have rising percentages, and no falling values")
         if len(self.memory_shares) != len(self.memory_s):
             raise T2TwinError("memory_shares and memory_s must have one value for each term")
 

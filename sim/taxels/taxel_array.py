@@ -208,9 +208,6 @@ class TaxelArray:
         """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.elastomer, self.pitch_mm)
 
-    def prepare(self, contact: Contact) -> None:
-        """Nothing: counts need the pressure alone."""
-
     def read(
         self, contact: Contact | None, rng: np.random.Generator | None = None,
         before: "CountsReading | None" = None, seconds: float | None = None,
@@ -223,12 +220,9 @@ class TaxelArray:
         noiseless = self.noiseless(contact, self.layout)
         if rng is None:
             return CountsReading(self, contact, np.rint(noiseless).astype(np.uint16), None)
-        memory = None  # that of another array is not used
-        if before is not None and before.memory is not None:
-            layouts = (self.layout, before.sensor.layout)
-            own, other = (np.stack([each.x_mm, each.y_mm]) for each in layouts)
-            if np.array_equal(own, other) and len(before.memory) == len(self.flaws.memory_shares):
-                memory = before.memory
+        memory = None if before is None or before.sensor.layout != self.layout else before.memory
+        if memory is not None and len(memory) != len(self.flaws.memory_shares):
+            memory = None  # that of another array is not used
         found = reading.read_after(
             memory, noiseless, self.layout, self.flaws, self.spec.counts, rng, seconds=seconds
         )

@@ -40,16 +40,18 @@ from t2twin.sim.calibrate.calibrate import (
 )
 from t2twin.sim.calibrate.fit import Presses
 from t2twin.sim.calibrate.frames import coverage_sentences
-from t2twin.sim.dataset.generate import check_workers, make_dataset
+from t2twin.sim.dataset.generate import check_workers, make_dataset, sensor_info
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
-from t2twin.translate.training.train import recalibrate, run_of_model, train
+from t2twin.translate.training.train import find_weights, recalibrate, train
 
 STEPS = ("light", "data", "training", "check")
 BALL, RECIPE, DATA, TRAINING = "ball.step", "recipe.toml", "data", "training"
@@ -255,15 +257,17 @@ def _train(config: AdaptConfig) -> None:
 
 
 def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) -> Path | None:
-    """Folder of the run that initializes the training; refuses one of another model."""
-    if init_from is not None:
-        return run_of_model(init_from, model)[0]
+    """Folder of the run that initializes the training; refuses one that does not fit."""
     size = (sensor.camera.rows, sensor.camera.columns)
-    for name in pretrained_runs():
+    for name in pretrained_runs() if init_from is None else ():
         config = load_config(HOME / name)
         if config.model == model and config.data.camera.image_shape[:2] == size:
-            return HOME / name
-    return None
+            init_from = name
+            break
+    if init_from is None:
+        return None
+    data = DataInfo("0" * 64, sensor_info(sensor), sensor_info(load_sensor(TARGET)))
+    return find_weights(init_from, model, find_preset(model, "cpu"), data).parent
 
 
 def _write_recipe(config: AdaptConfig) -> None:

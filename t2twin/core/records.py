@@ -4,6 +4,7 @@ Content that does not fit raises T2TwinError: the file, and what the decoder fou
 """
 
 import difflib
+import json
 import math
 import re
 import tomllib
@@ -34,16 +35,24 @@ REMARKS = ("about", "note")
 def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
     """The record in a JSON file. kind: its dataclass. numbers: the supported format numbers.
 
-    Raises T2TwinError where the file cannot be read, has another format, or does not fit.
+    Raises T2TwinError where the file cannot be read, has a key twice or another format, or does not
+    fit.
     """
     content = read_file(path).removeprefix(BOM_UTF8)
     found = decode_json(content, dict, path).get("format", 1)
+    # msgspec uses the last of equal keys.
+    json.loads(content, object_pairs_hook=lambda pairs: _check_keys(pairs, path))
     if found not in numbers:
         known = " and ".join(map(str, numbers))
         raise T2TwinError(
             f"{path} is of format {found}; this version of t2twin reads format {known} only"
         )
     return decode_json(content, kind, path)
+
+
+def _check_keys(pairs: list[tuple[str, Any]], path: Path) -> None:
+    """Raises T2TwinError for a key that an object of a JSON file has twice."""
+    check_names((name for name, _ in pairs), [name for name, _ in pairs], path, what="key")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -22,6 +22,9 @@ from t2twin.translate.uncertainty.ood import OODClass, unlike
 
 REPORT_EVERY_S = 5.0  # period of the reports of rate and latency
 MAX_LATENCIES = 100_000  # kept for the final report, half an hour at 60 Hz; limits memory
+# Of repeated rows: frames from which those that never change are known, their largest share, and
+# the least share of the others that is no chance (assumed)
+FIRST_FRAMES, MAX_STILL, MIN_REPEATED = 10, 0.5, 0.1
 
 # Receives a frame, the values of its line and the contact, if the run predicts it
 Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
@@ -41,6 +44,37 @@ class Throughput:
             median, high = np.percentile(self.latencies_ms, [50, 95])
             text += f", median latency {median:.1f} ms (95th percentile {high:.1f} ms)"
         return f"{text}, {self.received - self.translated} of {self.received} dropped"
+
+
+class RepeatedRows:
+    """Finds rows that repeat the frame before bit by bit: a sensor's noise changes every row."""
+
+    def __init__(self, report: Report) -> None:
+        self._report, self._compared, self._reported = report, 0, False
+        self._before: np.ndarray | None = None
+        self._still = np.array(False)  # rows that repeated the frame before in the first frames
+
+    def __call__(self, frame: Frame) -> int:
+        """The number of repeated rows, 0 for few; the first time it reports them."""
+        image, before = frame.image, self._before
+        self._before = image
+        if before is None or before.shape != image.shape:
+            return 0
+        same = (image == before).reshape(len(image), -1).all(axis=1)
+        self._compared += 1
+        if self._compared <= FIRST_FRAMES:
+            self._still = self._still | same
+            return 0
+        count = int((same & ~self._still).sum())
+        if self._still.mean() > MAX_STILL or count < MIN_REPEATED * len(image):
+            return 0
+        if not self._reported:
+            self._reported = True
+            self._report(
+                f"frame {frame.number} repeats {count} of {len(image)} rows of the frame before, "
+                "so part of the stream is frozen, or compressed; what it shows there is older"
+            )
+        return count
 
 
 def follow(
@@ -64,7 +98,7 @@ def follow(
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
     throughput, latest = Throughput(), LatestFrame(source)  # which reads from now on
     report_due_s, last, warned = throughput.began_s + REPORT_EVERY_S, -1, False
-    reported = None
+    reported, repeated_rows = None, RepeatedRows(report)
     try:
         while max_frames is None or throughput.translated < max_frames:
             ended = latest.ended  # read before the frame: a last frame may arrive with the end
@@ -75,9 +109,10 @@ def follow(
                 last = frame.number
                 values, contact = _predicted(run, frame.image, background)
                 latency_s = time.perf_counter() - frame.arrived_s
+                some = {"file": frame.name, "repeated_rows": repeated_rows(frame) or None}
                 line = {
                     "frame": frame.number,
-                    **({} if frame.name is None else {"file": frame.name}),
+                    **{name: value for name, value in some.items() if value is not None},
                     "time_s": round(time.time() - latency_s, 6),
                     "latency_ms": round(1e3 * latency_s, 3),
                     **values,

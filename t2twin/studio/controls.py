@@ -16,7 +16,7 @@ from t2twin.primitives_cad.catalogue import NAMES
 from t2twin.primitives_cad.shape import RANDOM_PREFIX, SUFFIXES
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.plan import MAX_SHAPE_SEED
-from t2twin.sim.sampling.protocol import FORCE_N, SCALES, indices, scale_of
+from t2twin.sim.sampling.protocol import FORCE_N, SCALES, indices
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors, load_sensor
 from t2twin.sim.sensors.pair import SensorPair
@@ -333,7 +333,7 @@ class Controls:
         self.handles["friction"].visible = self._lift.visible = state.motion == "slide"
         self.noise.value = has_noise = state.seed is not None
         self.handles["imperfections"].visible = self.handles["seed"].visible = has_noise
-        scale = scale_of(self._scale_name.value)
+        scale = SCALES[self._scale_name.value]
         presses = len(indices(state.shape, scale)) if state.shape in NAMES else 0
         self.number.max = max(presses - 1, 1)
         self.number.disabled = self._scale_name.disabled = presses == 0

@@ -15,7 +15,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.press import OPTIONS, Press
-from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
+from t2twin.sim.sampling.protocol import FORCE_N, SCALES, indices, press_of
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
@@ -86,7 +86,7 @@ class PressState(Press):
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:
     """The state with position, yaw and force of a press of the protocol, by its number at a scale,
     from 0."""
-    index = indices(state.shape, scale_of(scale))[number]
+    index = indices(state.shape, SCALES[scale])[number]
     spacing_mm = catalogue.properties(state.shape)["spacing_mm"]
     command = press_of(state.shape, spacing_mm, index)
     yaw_deg = float(np.rad2deg(command.yaw_rad))

@@ -370,7 +370,7 @@ def load_contact(
 
 def has_backgrounds(info: DatasetInfo) -> bool:
     """Whether the pairs of a dataset contain background frames."""
-    return info.recipe is not None and info.recipe.has_more and info.recipe.background_frames
+    return info.recipe is not None and bool(info.recipe.background_frames)
 
 
 def usable_cache(data_dir: Path, out_dir: Path) -> Path:

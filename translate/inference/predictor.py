@@ -174,7 +174,8 @@ class TrainedTranslator:
         tactile: bool = False,
     ) -> tuple[Outputs, list[OODClass]]:  # fmt: skip
         """Predictions and (B,) classes of checked images, in one pass."""
-        pixels, aspect = self._pixels(frames, background), self.config.data.camera.aspect
+        rows, columns, _ = self.config.data.camera.image_shape
+        pixels, aspect = self._pixels(frames, background), columns / rows
         outputs = self._outputs(pixels, None, contact, True, tactile)
         both = zip(frames, self._classified(pixels, outputs), strict=True)
         return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]

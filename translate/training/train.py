@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import islice
 from operator import attrgetter
 from os.path import lexists
@@ -25,7 +26,7 @@ from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError, counted
+from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import LOCK, is_empty, locked, sha256_of
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import IMAGE
@@ -76,6 +77,7 @@ GIVEN = {
     "number of processes": "processes", "warm start": "init_from",
 }  # fmt: skip
 TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
+warn_once = cache(warn)  # an adaptation finds its initial weights twice
 
 
 @dataclass(frozen=True)
@@ -289,8 +291,12 @@ def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: D
 
 
 def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) -> Path:
-    """The best weights of a run, as initial ones of a training; T2TwinError if they do not fit."""
-    run_dir, config = run_of_model(run, model)
+    """The best weights of a run, as initial ones of a training; T2TwinError if they do not fit, and
+    a warning if they are of another sensor."""
+    run_dir = resolve_run(run)
+    config = load_config(run_dir)
+    if config.model != model:
+        raise T2TwinError(f"{run_dir} is a {config.model} run; expected a {model} run")
     theirs, own = config.preset, config.data
     sides = ((own.source, data.source), (own.target, data.target))
     for name, one, other in (
@@ -306,19 +312,15 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
     is_dense = model != "field" or own.array.same_dense(data.array)
     if not (is_dense and all(one.fits(other) for one, other in sides)):
         raise T2TwinError(f"{run_dir} is a run of another layout or other dense counts than these")
+    for one, other in sides:
+        is_other = one.value == COUNTS and other.value == COUNTS and not one.same_pads(other.taxels)
+        if is_other or one.name != other.name:
+            found = f"{one.words}, and the new run of {other.words}"
+            warn_once(f"{run_dir} is a run of {found}, another sensor or other pads")
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
     return weights
-
-
-def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
-    """The folder and configuration of a run; T2TwinError for a run of another model."""
-    run_dir = resolve_run(run)
-    config = load_config(run_dir)
-    if config.model != model:
-        raise T2TwinError(f"{run_dir} is a {config.model} run; expected a {model} run")
-    return run_dir, config
 
 
 def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
