@@ -56,7 +56,8 @@ def read_csv(path: Path, numbers: str) -> tuple[list[str], list[tuple[str, dict[
     for place, row in rows:
         for name in own:
             if name in row:
-                row[name] = _plain(row[name], sign, f"{path}, {place}, column {name}")
+                source = f"{path}, {place}, column {name}"
+                row[name] = _plain(row[name], sign, source, ",." if delimiter == ";" else ",")
     return names, rows
 
 
@@ -70,13 +71,11 @@ def _decimal_sign(cells: Iterable[str]) -> str | None:
     return None
 
 
-def _plain(cell: str, sign: str | None, source: str) -> str:
-    """A number as Python writes it, from a cell of a file with a decimal sign."""
-    if sign is None and AMBIGUOUS.fullmatch(cell) and "," in cell:
-        raise T2TwinError(
-            f"{source}: {cell} may be {cell.replace(',', '')} or {cell.replace(',', '.')}; write "
-            "numbers with a decimal point and without a sign of thousands"
-        )
+def _plain(cell: str, sign: str | None, source: str, doubtful: str) -> str:
+    """A number as Python writes it. doubtful: signs that may be of thousands without a sign."""
+    if sign is None and AMBIGUOUS.fullmatch(cell) and {*cell} & {*doubtful}:
+        whole, decimal = re.sub("[.,]", "", cell), cell.replace(",", ".")
+        raise T2TwinError(f"{source}: {cell} may be {whole} or {decimal}; write one or {decimal}0")
     point, of_file = sign or ".", f" with the decimal sign {sign} of this file" if sign else ""
     groups = rf"[0-9]{{1,3}}(?:[{SIGNS[point]}' \u00a0\u202f\u2019][0-9]{{3}})+"
     found = re.fullmatch(rf"([-+]?)({groups}|[0-9]*)[{point}]?([0-9]*)(e[-+]?[0-9]+)?", cell, re.I)

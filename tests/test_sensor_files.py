@@ -240,6 +240,7 @@ DIM = content_of("digit")["light"]["leds"][0] | {"color": [1e-7, 1e-7, 1e-7]}
         ("flexitac", ("transducer", "modulus_mpa"), 1.0, "is not of the law piezo"),
         ("flexitac", ("transducer", "law"), "capacitive", "modulus_mpa is needed by"),
         ("flexitac", ("tactile_image", "rows"), 40, "tactile_image.rows is 40"),
+        ("flexitac", ("tactile_image", "px_per_mm"), 0.4, "two taxels share a pixel below 0.5"),
         ("flexitac", ("dense", "spacing_mm"), 0.2, "use a larger spacing_mm"),
         ("flexitac", ("imperfections", "white", "dead"), [384], "imperfections.white: dead"),
         ("flexitac", ("imperfections", "none"), {}, "imperfections.none is the array without"),

@@ -10,14 +10,7 @@ from spots import VALUES, write_spots
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png, encode_png
 from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.store import (
-    BATCH_ROWS,
-    iter_images,
-    read_info,
-    read_split,
-    sha256_of,
-    write_shard,
-)
+from t2twin.sim.dataset.store import BATCH_ROWS, iter_images, read_split, sha256_of, write_shard
 
 SCHEMA = schema_of(VALUES, None)
 
@@ -51,13 +44,6 @@ def test_many_rows_come_in_groups(data, tmp_path):
     with pq.ParquetFile(tmp_path / "long.parquet") as file:
         assert file.num_row_groups == 2
         assert file.read(["index"])["index"].to_pylist() == list(range(BATCH_ROWS + 1))
-
-
-def test_reading_what_is_not_there_says_so(data, tmp_path):
-    with pytest.raises(T2TwinError, match="contains no dataset"):
-        read_info(tmp_path)
-    with pytest.raises(T2TwinError, match="train, val, test"):
-        read_split(data, "validation")
 
 
 def test_values_that_are_not_finite_are_not_written(data, tmp_path):

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kinds import taxel_array
+from msgspec import structs
 
 from benchmarks.contact.solids import punch
 from t2twin.core.errors import T2TwinError
@@ -70,6 +71,13 @@ def test_every_imperfection_does_what_it_says(sensor):
     assert read(gain_spread=0.1).std() == pytest.approx(1000, rel=0.5)
     assert (read(0, gain_spread=0.1) == read(1, gain_spread=0.1)).all()
     assert 0 < read(white_counts=50.0).std() < 50
+
+
+def test_a_touch_that_no_taxel_counts_is_noted(sensor):
+    weak = structs.replace(sensor.spec, counts=structs.replace(sensor.spec.counts, gain=1e-3))
+    contact = sensor.press(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
+    notes = [each.read(contact).notes for each in (sensor, replace(sensor, spec=weak))]
+    assert notes[0] == [] and "no taxel reaches a count" in notes[1][0]
 
 
 def test_taxels_outside_the_cover_are_an_error(sensor):

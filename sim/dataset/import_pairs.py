@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import new_folder, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names, convert
@@ -181,6 +181,10 @@ def _write(
     for path, own in by_shard.items():
         rows = (_row(pair, n, images, known, size) for n, pair in enumerate(own))
         shards[path] = Shard(write_shard(folder / path, rows, schema), len(own))
+    (high, wide, _), own = size[0], sensors.camera.camera
+    if abs(wide * own.rows / (high * own.columns) - 1.0) > 0.1:  # assumed
+        other = f"those of {sensors.camera.name}, upright, are {own.columns} x {own.rows}"
+        warn(f"the images are {wide} x {high} pixels; {other}")
     info = DatasetInfo(
         format=FORMAT,
         complete=True,

@@ -149,7 +149,7 @@ def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
     Raises T2TwinError as press_until_accepted does, and where the file cannot be written.
     """
     tally, start = Tally(), time.process_time()
-    values: dict[str, str] = dict(zip(ROLES, context.sensors.values, strict=True))
+    values: dict[str, str] = {role: getattr(context.sensors, role).VALUE for role in ROLES}
     columns = columns_of(values, context.recipe)
 
     def rows() -> Iterator[dict[str, Any]]:

@@ -297,6 +297,8 @@ def verify_dataset(folder: str | Path) -> list[Fault]:
     folder = arguments.path(folder, "folder")
     info = read_info(folder)
     faults = [] if info.complete else [Fault(INFO, "the dataset is unfinished")]
+    lacking = [name for name in (CARD, CROISSANT) if not (folder / name).is_file()]
+    faults += [Fault(name, "it is missing") for name in lacking if info.complete]
     for split, pairs in info.pairs.items():
         found = sum(info.shards[path].pairs for path in split_shards(info, split))
         if info.complete and found != pairs:

@@ -76,11 +76,6 @@ class SensorPair:
         return {first: self.source, second if second != first else f"{second}-2": self.target}
 
     @property
-    def values(self) -> tuple[str, str]:
-        """Columns of the readings of source and target in a dataset: "image" or "counts"."""
-        return self.source.VALUE, self.target.VALUE
-
-    @property
     def camera(self) -> GelCamera:
         """The first gel camera. Raises T2TwinError for a pair without one."""
         return self._first(GEL_CAMERA)

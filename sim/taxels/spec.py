@@ -192,10 +192,10 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
         if len(self.memory_shares) != len(self.memory_s):
             raise T2TwinError("memory_shares and memory_s must have one value for each term")
 
-    def check_dead(self, taxels: int) -> None:
+    def check_dead(self, taxels: int, name: str = "dead taxel") -> None:
         """Raises T2TwinError for a dead taxel that is not one of this number."""
         for index in self.dead:
-            arguments.whole_number(index, "dead taxel", 0, taxels - 1)
+            arguments.whole_number(index, name, 0, taxels - 1)
 
 
 class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -82,10 +82,7 @@ class TaxelArray:
                 f"imperfections.{reading.NONE} is the array without imperfections; rename the table"
             )
         for name, flaws in self.spec.imperfections.items():
-            try:
-                flaws.check_dead(self.layout.size)
-            except T2TwinError as error:
-                raise T2TwinError(f"imperfections.{name}: {error}") from None
+            flaws.check_dead(self.layout.size, f"imperfections.{name}: dead taxel")
         table = self.spec.tactile_image
         for axis, pixels, places in (
             ("columns", table.columns, self.layout.x_mm), ("rows", table.rows, self.layout.y_mm),
@@ -96,6 +93,10 @@ class TaxelArray:
                     f"tactile_image.{axis} is {pixels}, which reaches {half_mm:.4g} mm from the "
                     f"middle; the taxels reach {most_mm:.4g} mm"
                 )
+        closest_mm = np.sort(self.layout.distances_mm(self.layout), axis=1)[:, 1].min()
+        if closest_mm * table.px_per_mm < 1.0:
+            least = f"two taxels share a pixel below {1.0 / closest_mm:.3g}"
+            raise T2TwinError(f"tactile_image.px_per_mm is {table.px_per_mm:g}; {least}")
         if self.spec.dense is not None:
             self._check_weights(self.dense.size, "places of the dense counts")
 
@@ -252,9 +253,15 @@ class CountsReading(Result):
     @property
     def notes(self) -> list[str]:
         """What limits the reading, in words; empty for nothing."""
-        full_scale = self.sensor.full_scale
-        is_clipped = self.counts is not None and self.counts.max() >= full_scale
-        return [f"counts are clipped at full scale, {full_scale:,.0f}"] if is_clipped else []
+        sensor, full_scale = self.sensor, self.sensor.full_scale
+        if self.counts is None or self.contact is None:
+            return []
+        if self.counts.max() >= full_scale:
+            return [f"counts are clipped at full scale, {full_scale:,.0f}"]
+        is_high = self.counts.max() >= 0.05 * full_scale  # which no noise reaches
+        if is_high or np.rint(sensor.noiseless(self.contact, sensor.layout)).any():
+            return []
+        return ["no taxel reaches a count: the contact lies between pads, or the gain is too small"]
 
     @kept_property
     def tactile_image(self) -> np.ndarray:
