@@ -297,8 +297,7 @@ def for_pair(recipe: "Recipe", kinds: Sequence[str]) -> "Recipe":
         record = structs.replace(record, **{name: default})
         recipe = structs.replace(recipe, **{table[0]: record}) if table else record
     has = {"dense_counts": TAXEL_ARRAY in kinds, "background_frames": GEL_CAMERA in kinds}
-    missing = {name: value for name, value in has.items() if getattr(recipe, name) is UNSET}
-    return structs.replace(recipe, **missing)
+    return structs.replace(recipe, **{k: v for k, v in has.items() if getattr(recipe, k) is UNSET})
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
