@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: str) -> list[str]:
     """That a background frame is stored in another order, or shows a contact, by pretrained runs
     of the sensor."""
-    frame = upright_frame(read_frame(path, order), camera)
+    frame = upright_frame(read_frame(path, order), camera, order)
     for name in pretrained_runs():
         config = load_config(resolve_run(name))
         is_own = config.data.camera.name == sensor and config.has_uncertainty

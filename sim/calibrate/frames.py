@@ -103,16 +103,16 @@ def read_frames(
         if frame.shape != first.shape:
             sizes = f"is {_size(frame)}, but the background is {_size(first)}"
             raise T2TwinError(f"{path.name} {sizes}; all must be of one size")
-    upright = np.array([upright_frame(frame, camera) for frame in (first, *others)])
+    upright = np.array([upright_frame(frame, camera, order) for frame in (first, *others)])
     return upright[0], upright[1:], [path.name for path in paths]
 
 
-def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
+def upright_frame(frame: np.ndarray, camera: Camera, order: FrameOrder = UPRIGHT) -> np.ndarray:
     """(rows, columns, 3): a frame in the size of the camera's images; larger ones are averaged.
-    Frames on their side of upright images are rotated, as the default sensor's interface does."""
-    size = _size(frame)
-    is_upright = camera.rows > camera.columns
-    if is_upright and frame.shape[0] < frame.shape[1]:
+    Frames on their side of upright images, without another order, are rotated, as the default
+    sensor's interface does."""
+    size, is_upright = _size(frame), camera.rows > camera.columns
+    if order == UPRIGHT and is_upright and frame.shape[0] < frame.shape[1]:
         frame = np.rot90(frame)
     rows, columns = frame.shape[:2]
     off = abs(rows * camera.columns - columns * camera.rows) / camera.rows  # columns
