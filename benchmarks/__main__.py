@@ -1,9 +1,10 @@
 """Runs and lists the benchmarks, and names stale results.
 
-    python -m benchmarks [NAME ...]      measure; without names all that need no argument
-    python -m benchmarks --list          all benchmarks and their arguments
-    python -m benchmarks --stale         results that are older than the code they measure
-    python -m benchmarks --docs          write the results into the tables of the documents
+    python -m benchmarks                        measure all that need no argument
+    python -m benchmarks NAME [ARGUMENT ...]    measure one; --help lists its arguments
+    python -m benchmarks --list [NAME ...]      all benchmarks and their arguments
+    python -m benchmarks --stale [NAME ...]     results that are older than the code they measure
+    python -m benchmarks --docs                 write the results into the tables of the documents
 
 Exits with 1 if a benchmark fails or misses a limit, and if results are stale.
 """
@@ -12,7 +13,7 @@ import argparse
 import subprocess
 import sys
 
-from benchmarks.evidence import Benchmark, changed_sources, find_benchmarks
+from benchmarks.evidence import Benchmark, changed_sources, find_benchmarks, run
 from t2twin.core.errors import T2TwinError
 
 
@@ -22,7 +23,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="all unless given")
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="NAME [ARGUMENT ...]")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="list the benchmarks")
     what.add_argument("--stale", action="store_true", help="name stale results")
@@ -44,23 +45,22 @@ def _run(options: argparse.Namespace) -> str:
         for path in write_documents():
             print(path)
         return ""
-    chosen = _chosen(options.names)
     if options.list:
-        for benchmark in chosen:
+        for benchmark in _chosen(options.words):
             print(f"{benchmark.name:18}{benchmark.minutes:4g} min  {benchmark.measures}")
-            print(f"{'':28}{_usage(benchmark)}")
+            usage = benchmark.parser.format_usage().removeprefix("usage: ")
+            print(f"{'':28}{' '.join(usage.split())}")
         return ""
     if options.stale:
-        return _stale(chosen)
-    if options.names:
-        for benchmark in chosen:
-            if benchmark.needs_arguments:
-                raise T2TwinError(f"{benchmark.name} needs arguments: {_usage(benchmark)}")
+        return _stale(_chosen(options.words))
+    if options.words:
+        name, *arguments = options.words
+        return "\n".join(run(_chosen([name])[0], arguments))
     failed = []
-    for benchmark in chosen:
+    for benchmark in _chosen([]):
         if not benchmark.needs_arguments:
-            done = subprocess.run([sys.executable, "-m", benchmark.module], check=False)
-            if done.returncode:
+            command = [sys.executable, "-m", "benchmarks", benchmark.name]
+            if subprocess.run(command, check=False).returncode:
                 failed.append(benchmark.name)
     return f"failed, or missed a limit: {', '.join(failed)}" if failed else ""
 
@@ -71,11 +71,6 @@ def _chosen(names: list[str]) -> list[Benchmark]:
         if name not in benchmarks:
             raise T2TwinError(f"there is no benchmark {name!r}; there are {', '.join(benchmarks)}")
     return [benchmarks[name] for name in names or benchmarks]
-
-
-def _usage(benchmark: Benchmark) -> str:
-    usage = benchmark.parser.format_usage().removeprefix("usage: ")
-    return " ".join(usage.split())
 
 
 def _stale(chosen: list[Benchmark]) -> str:

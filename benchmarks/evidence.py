@@ -7,12 +7,12 @@ import os
 import platform
 import shlex
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from inspect import getdoc
 from math import isfinite
 from operator import attrgetter
 from pathlib import Path
@@ -103,14 +103,13 @@ class Benchmark:
 
     The module also defines `measure(options)`, which returns the content of the results.
 
-    module: benchmarks.FOLDER.NAME. measures: one sentence. minutes: duration on two cores. sources:
-    folders and modules whose code determines the figures, relative to the repository, without
-    general helpers such as t2twin/core. is_baseline: the results are a baseline for a test: they
-    are written with --write only and never stale.
+    module: benchmarks.FOLDER.NAME, whose docstring begins with what is measured. minutes: duration
+    on two cores. sources: folders and modules whose code determines the figures, relative to the
+    repository, without general helpers such as t2twin/core. is_baseline: the results are a baseline
+    for a test: they are written with --write only and never stale.
     """
 
     module: str
-    measures: str
     minutes: float
     sources: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()
@@ -121,6 +120,11 @@ class Benchmark:
     def name(self) -> str:
         """NAME, which the results file also has."""
         return self.module.rpartition(".")[2]
+
+    @property
+    def measures(self) -> str:
+        """The first sentences of the module's docstring."""
+        return " ".join((getdoc(import_module(self.module)) or "").partition("\n\n")[0].split())
 
     @property
     def results(self) -> Path:
@@ -153,7 +157,7 @@ class Benchmark:
     @property
     def parser(self) -> argparse.ArgumentParser:
         """The command line."""
-        parser = argparse.ArgumentParser(prog=f"python -m {self.module}", description=self.measures)
+        parser = argparse.ArgumentParser(prog=f"python -m benchmarks {self.name}")
         for argument in self.arguments:
             more: dict[str, Any] = {"type": argument.kind, "default": argument.default}
             for key in ("nargs", "choices", "metavar"):
@@ -216,14 +220,14 @@ class Results:
     content: dict[str, Any]
 
 
-def provenance(module: str, arguments: list[str]) -> Provenance:
-    """The provenance of a measurement that starts now: `python -m module arguments`."""
+def provenance(name: str, arguments: list[str]) -> Provenance:
+    """The provenance of a measurement that starts now: `python -m benchmarks name arguments`."""
     commit = git("rev-parse", "--short=12", "HEAD") or "unknown"
     changed = git("status", "--porcelain", "--untracked-files=no")
     return Provenance(
         commit=f"{commit}+" if changed else commit,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
-        command=shlex.join(["python", "-m", module, *arguments]),
+        command=shlex.join(["python", "-m", "benchmarks", name, *arguments]),
         versions=versions(),
         processor=processor(),
         cores=os.cpu_count(),
@@ -234,7 +238,7 @@ def provenance(module: str, arguments: list[str]) -> Provenance:
 def read_results(path: Path) -> Results:
     """Raises T2TwinError if there is no file, or if it has no provenance."""
     if not path.is_file():
-        raise T2TwinError(f"there is no {path.name}; python -m benchmarks.{path.stem} writes it")
+        raise T2TwinError(f"there is no {path.name}; python -m benchmarks {path.stem} writes it")
     content = json.loads(path.read_bytes())
     measured_on = content.pop(MEASURED_ON, None)
     return Results(convert(measured_on, Provenance, f"{path}: {MEASURED_ON}"), content)
@@ -328,7 +332,7 @@ def run(benchmark: Benchmark, arguments: list[str]) -> list[str]:
     --write.
     """
     options = benchmark.parser.parse_args(arguments)
-    start = provenance(benchmark.module, arguments)  # before the measurement loads the machine
+    start = provenance(benchmark.name, arguments)  # before the measurement loads the machine
     content = benchmark.measure(options)
     if benchmark.is_kept(options):
         write_results(benchmark.results, Results(start, content))
@@ -354,16 +358,6 @@ def _columns(benchmark: Benchmark, content: dict[str, Any]) -> list[str]:
 def _shown(value: float | None) -> str:
     """A value with four digits."""
     return "none" if value is None else f"{value:.4g}"
-
-
-def main(benchmark: Benchmark) -> None:
-    """The command `python -m benchmarks.FOLDER.NAME`. Exits with 1 if a limit is missed."""
-    try:
-        sentences = run(benchmark, sys.argv[1:])
-    except T2TwinError as error:
-        sentences = [f"{benchmark.name}: {error}"]
-    if sentences:
-        sys.exit("\n".join(sentences))
 
 
 # Staleness

@@ -49,7 +49,7 @@ def test_a_results_file_belongs_to_a_benchmark_and_has_provenance(path):
     assert path.stem in BENCHMARKS
     measured_on = read_results(path).measured_on
     assert len(measured_on.commit.rstrip("+")) == 12
-    assert measured_on.date and f".{path.stem}" in measured_on.command
+    assert measured_on.date and path.stem in measured_on.command
 
 
 @pytest.mark.parametrize("benchmark", BENCHMARKS.values(), ids=lambda benchmark: benchmark.name)
@@ -61,9 +61,8 @@ def test_every_figure_is_in_the_results(benchmark):
 @pytest.mark.parametrize("benchmark", BENCHMARKS.values(), ids=lambda benchmark: benchmark.name)
 def test_a_module_declares_a_benchmark_of_its_own_name(benchmark):
     path = ROOT / f"{benchmark.module.replace('.', '/')}.py"
-    text = path.read_text()
-    assert "    main(BENCHMARK)\n" in text
-    assert any(isinstance(n, ast.FunctionDef) and n.name == "measure" for n in ast.parse(text).body)
+    tree = ast.parse(path.read_text())
+    assert any(isinstance(n, ast.FunctionDef) and n.name == "measure" for n in tree.body)
     assert benchmark.sources
     for source in benchmark.sources:
         path = ROOT / source
@@ -88,7 +87,6 @@ def test_values_are_found_by_their_paths():
 
 SMALL = Benchmark(
     module="benchmarks.small",
-    measures="Nothing.",
     minutes=0.0,
     figures=(Figure("time_ms", "ms", most=2.0), Figure("rows.*.ratio", least=1.5)),
     arguments=(Argument("--rows", "how many", int, 2, partial=True),),
@@ -107,7 +105,7 @@ def test_results_are_written_with_their_provenance(results, monkeypatch):
     kept = read_results(results / "small.json")
     assert kept.content == content
     origin = kept.measured_on
-    assert origin.command == "python -m benchmarks.small"
+    assert origin.command == "python -m benchmarks small"
     assert origin.versions == versions() and {"python", "numpy", "torch"} <= set(origin.versions)
     assert origin.processor == processor() and origin.cores and origin.load_average is not None
 
@@ -133,15 +131,15 @@ def test_a_partial_measurement_or_baseline_is_written_with_its_option_only(resul
 def test_a_missed_limit_fails(results, monkeypatch, time_ms, ratio, sentence):
     measured_as(monkeypatch, time_ms, ratio)
     assert run(SMALL, ["--keep-nothing"]) == [sentence]
-    monkeypatch.setattr("sys.argv", ["small", "--keep-nothing"])
+    monkeypatch.setattr(command, "find_benchmarks", lambda: {"small": SMALL})
     with pytest.raises(SystemExit, match=sentence):
-        evidence.main(SMALL)
+        command.main(["small", "--keep-nothing"])
 
 
 # Stale results
 
 
-SOURCES = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/optical"))
+SOURCES = Benchmark("benchmarks.small", 0.0, sources=("sim/contact", "sim/optical"))
 
 
 @pytest.fixture
@@ -173,7 +171,7 @@ def measure_at(commit, benchmark=SOURCES):
 def test_a_change_since_the_baseline_is_named(repository):
     root, commits = repository
     assert changed_sources(SOURCES, root, commits[1]) is None
-    baseline = Benchmark("benchmarks.small", "Nothing.", 0.0, SOURCES.sources, is_baseline=True)
+    baseline = Benchmark("benchmarks.small", 0.0, SOURCES.sources, is_baseline=True)
     assert changed_sources(baseline, root, commits[1]) == []
     for commit in (commits[0], commits[1], f"{commits[0]}+", "unknown", "0" * 12):
         measure_at(commit)

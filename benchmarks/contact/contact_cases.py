@@ -1,6 +1,6 @@
 """Accuracy of the contact solver on difficult shapes.
 
-    python -m benchmarks.contact.contact_cases [--cases N]
+    python -m benchmarks contact_cases [--cases N]
 
 Presses CASES shapes of `contact_shapes` on the flat linear layers of `press`, about half of them on
 each sensor. Force, position and yaw are sampled by the case's number. A force that pushes a shape
@@ -30,7 +30,7 @@ from benchmarks.contact import oracle
 from benchmarks.contact.contact_shapes import FAMILIES, Case, make_case
 from benchmarks.contact.flat_pad import DEEPEST_MM, TOLERANCE, FlatPad
 from benchmarks.contact.press import SENSORS, block_forces, distance
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.cache_dir import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
@@ -44,7 +44,6 @@ CASES = 200
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.contact_cases",
-    measures="Accuracy of the contact solver on 200 difficult shapes.",
     minutes=12,
     sources=("primitives_cad", "sim/contact", "sim/taxels"),
     figures=(
@@ -273,7 +272,3 @@ def _fields_of_reference(
     if sensor == "cyskin":
         pads = pad.pad_pressure_mpa(answer.pressure_mpa, load_layout(DEFAULT_LAYOUT))
     return Fields(answer.depth_mm, surface(contact.y_mm, contact.x_mm), forces, pads)
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """Accuracy and speed of the contact solver, compared with the oracle.
 
-    python -m benchmarks.contact.press [--shapes N]
+    python -m benchmarks press [--shapes N]
 
 Presses every primitive on a flat linear layer of each sensor's elastomer at four forces, turned so
 that it is aligned with no grid. Depth, surface, pressure and the mean pressure of the taxel pads
@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from benchmarks.contact.flat_pad import FlatPad
 from benchmarks.contact.solids import punch
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import random_shape
@@ -42,7 +42,6 @@ from t2twin.sim.taxels.pads import pad_pressure_mpa
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.press",
-    measures="Accuracy of the contact solver against an independent solution, and its time.",
     minutes=12,
     sources=("primitives_cad", "sim/contact", "sim/taxels", "sim/sampling"),
     figures=(
@@ -344,7 +343,3 @@ def protocol_times(sensor: Sensor) -> dict[str, float]:
         "median_ms": float(np.median(best)),
         "p95_ms": float(np.percentile(best, 95)),
     }
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

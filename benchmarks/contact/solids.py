@@ -15,9 +15,10 @@ def formula(
     heights: Callable[[np.ndarray, np.ndarray], np.ndarray],
     name: str = "formula",
     pitch_mm: float = PITCH_MM,
+    reach_mm: float = REACH_MM,
 ) -> Shape:
     """A shape whose pressing surface is heights(x, y), mm, <= 0; its mesh is not used."""
-    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / pitch_mm) + 1)
+    axis = np.linspace(-reach_mm, reach_mm, round(2 * reach_mm / pitch_mm) + 1)
     surface = heights(*np.meshgrid(axis, axis)).astype(np.float32)
     return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=(1.4, 1.4))
 

@@ -1,6 +1,6 @@
 """Accuracy of tilted presses of difficult shapes.
 
-    python -m benchmarks.contact.tilted_cases [--cases N]
+    python -m benchmarks tilted_cases [--cases N]
 
 Presses the first CASES shapes of `contact_cases` straight, and tilted by TILTS_DEG in a sampled
 direction. Sensors, forces, limits and the solver `oracle` are as there; it has the exact solid.
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from benchmarks.contact.contact_cases import measure_case, summary
 from benchmarks.contact.press import SENSORS
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 
 CASES = 32
 
@@ -25,7 +25,6 @@ TILTS_DEG = (0.0, 5.0, 10.0)
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.tilted_cases",
-    measures="Accuracy of presses tilted by 5 and 10 degrees, compared with straight ones.",
     minutes=10,
     sources=("primitives_cad", "sim/contact", "sim/taxels"),
     figures=(
@@ -61,7 +60,3 @@ def by_sensor(rows: list[dict[str, Any]], key: str) -> dict[str, Any]:
     """The summary of the rows of each sensor. key: of the errors in a row."""
     own = {sensor: [row for row in rows if row["sensor"] == sensor] for sensor in SENSORS}
     return {sensor: summary(of, key) for sensor, of in own.items() if of}
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,7 +1,7 @@
 """Content, size and generation rate of a dataset.
 
     t2twin simdata --scale paper --out data/paper
-    python -m benchmarks.datasets.dataset data/paper
+    python -m benchmarks dataset data/paper
 
 The figures come from the dataset's shards and log, and docs/pictures/dataset_*.png are drawn from
 them.
@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 from skimage.measure import block_reduce
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
 from t2twin.sim.dataset.generate import RunTiming
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.datasets.dataset",
-    measures="Content, size and generation rate of a dataset.",
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/report"),
     figures=(
@@ -161,7 +160,3 @@ def draw(dataset: Dataset) -> None:
 def _write(name: str, content: bytes) -> None:
     with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
         temporary.write_bytes(content)
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """Presses of 5,125 random shapes, and whether they cover the presses of the tools.
 
-    python -m benchmarks.datasets.random_presses
+    python -m benchmarks random_presses
 
 The shapes have seeds of no published recipe, with four presses each, sampled as in the open recipe.
 Counts failed, repeated and unsettled presses.
@@ -27,7 +27,7 @@ from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.datasets.random_presses",
-    measures="Presses of random shapes, and whether they cover the presses of the tools.",
     minutes=10,
     sources=("primitives_cad", "sim"),
     figures=(
@@ -287,7 +286,3 @@ def draw_shapes() -> None:
         pen.text(at, f"random-{seed}", fill=export.INK, font_size=11)
     with atomic_write(SHAPES_PICTURE) as temporary:
         page.save(temporary, format="PNG", optimize=True)
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

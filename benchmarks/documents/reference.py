@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from inspect import getdoc
 from typing import Any, get_args, get_origin
 
@@ -61,9 +60,8 @@ def benchmarks() -> str:
     figures, lines = Figures(), [["name", "measures", "date"]]
     for benchmark in find_benchmarks().values():
         if benchmark.results.is_file():
-            first = (getdoc(import_module(benchmark.module)) or "").partition("\n\n")[0]
-            text = " ".join(first.split())
-            lines.append([f"`{benchmark.name}`", text, figures.date(benchmark.name)])
+            name = benchmark.name
+            lines.append([f"`{name}`", benchmark.measures, figures.date(name)])
     return markdown(lines)
 
 

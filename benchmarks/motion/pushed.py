@@ -1,6 +1,6 @@
 """Reads of bodies that random forces push, tilt, turn and roll over a sensor, as in a robot's loop.
 
-    python -m benchmarks.motion.pushed [--sensors NAME ...] [--seconds S]
+    python -m benchmarks pushed [--sensors NAME ...] [--seconds S]
 
 Bodies of 100 g lie on a sensor. Forces of a few newtons change all the time, and some of them act
 beside the body's center. The sensor is read FRAME_HZ times a second of simulated time. Reads do not
@@ -27,14 +27,13 @@ import numpy as np
 from tqdm import tqdm
 
 import t2twin
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.errors import T2TwinWarning
 
 SENSORS = ("digit", "cyskin")
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.pushed",
-    measures="Reads of bodies that random forces push over a sensor: time, unsettled.",
     minutes=4,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
@@ -218,7 +217,3 @@ def _push(
         data.xfrc_applied[body, 3] = -1e-3 * beside[1] * pressing
         data.xfrc_applied[body, 4] = 1e-3 * beside[0] * pressing
         data.xfrc_applied[body, 5] = 1e-3 * TURN_NMM * numbers[5]
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

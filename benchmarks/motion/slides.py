@@ -1,6 +1,6 @@
 """Sliding contact against closed forms, tamaas and finite elements.
 
-    python -m benchmarks.motion.slides
+    python -m benchmarks slides
 
 - Closed forms of a half-space (`slides_closed_forms`): a ball that is pushed, twisted,
   and pushed back and forth, and stuck punches. The half-space's spectra are compared with tamaas.
@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.contact.solids import block
-from benchmarks.evidence import Benchmark, Figure, main
+from benchmarks.evidence import Benchmark, Figure
 from benchmarks.motion import slides_closed_forms as closed_forms
 from benchmarks.motion import slides_fem as fem
 from t2twin.primitives_cad.shape import ball
@@ -32,7 +32,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.slides",
-    measures="Accuracy of sliding against closed forms and finite elements.",
     minutes=14,
     sources=("sim/contact", "primitives_cad"),
     figures=(
@@ -180,7 +179,3 @@ def _at_markers(contact: Contact, markers_mm: np.ndarray) -> np.ndarray:
     axes = contact.y_mm, contact.x_mm
     fields = RegularGridInterpolator(axes, np.moveaxis(contact.displacement_mm[:2], 0, -1))
     return fields(markers_mm[:, ::-1])
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

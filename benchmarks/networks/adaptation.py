@@ -1,6 +1,6 @@
 """Predictions for frames of a real DIGIT before and after an adaptation to it.
 
-    python -m benchmarks.networks.adaptation FRAMES OUT
+    python -m benchmarks adaptation FRAMES OUT
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. The pretrained network is adapted on two thirds of the presses, three times for each
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from benchmarks.networks.real import real_references
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
 from t2twin.core.errors import T2TwinError
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.adaptation",
-    measures="Predictions for frames of a real DIGIT before and after an adaptation to it.",
     minutes=100,
     sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
     figures=(
@@ -137,7 +136,3 @@ def _ratios(thirds: list[dict[str, Any]], pretrained: list[dict[str, Any]]) -> d
         "median_ratio": float(np.median(ratios)),
         "largest_ratio": max(ratios),
     }
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

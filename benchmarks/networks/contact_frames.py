@@ -1,6 +1,6 @@
 """The contact predicted for one real DIGIT, compared with gradients by color and Poisson.
 
-    python -m benchmarks.networks.contact_frames FRAMES RUN [RUN ...]
+    python -m benchmarks contact_frames FRAMES RUN [RUN ...]
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. Runs are those of `t2twin train` that predict the contact. They are evaluated on two sets:
@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
+from benchmarks.networks.real import runs_by_name
 from benchmarks.optics.fitted_optics import (
     BALL_DIAMETER_MM,
     HELD_OUT,
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",
-    measures="The contact predicted for a real DIGIT, compared with gradients and Poisson.",
     minutes=8,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -78,8 +78,6 @@ FORCES_N = (1.0, 2.0, 4.0, 8.0)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.translate.inference.load import load_run
-
     if not (options.frames / BACKGROUND).is_file():
         raise T2TwinError(
             f"{options.frames} has no {BACKGROUND}; expected a folder of it and press_*.png, "
@@ -89,11 +87,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     sensor = balls[0].sensor
     shapes, still = shape_references(sensor), sensor.background_frame(np.random.default_rng(0))
     runs = {}
-    for folder in options.runs:
-        run: Any = load_run(folder).need_uncertainty("the contact")  # one or several
-        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
-        if name in runs:
-            raise T2TwinError(f"two runs are a {name}; name one of them")
+    for name, each in runs_by_name(options.runs).items():
+        run: Any = each.need_uncertainty("the contact")  # one or several
         images = [each.image for each in shapes]
         runs[name] = {
             "real": _errors(run.contact(list(frames), background), balls),
@@ -212,7 +207,3 @@ def _in_cells(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
     whole = torch.from_numpy(np.asarray(values, float))[None]
     return functional.adaptive_avg_pool2d(whole, (shape[0], shape[1]))[0].numpy()
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -5,7 +5,7 @@
     for data in paper forces; do
         t2twin evaluate RUN... --data data/$data --split both --out runs/recipes/$data; done
     t2twin evaluate RUN... --data data/unseen-shapes --split val --out
-    runs/recipes/unseen-shapes/val python -m benchmarks.networks.dataset_runs runs/recipes/*
+    runs/recipes/unseen-shapes/val python -m benchmarks dataset_runs runs/recipes/*
 
 The results contain the errors of every row, overall with intervals and by force, and the training
 data of each run. Runs have the name MODEL-of-RECIPE; each combination may occur once. Several
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.dataset_runs",
-    measures="Errors and uncertainty of runs trained on one recipe and evaluated on others.",
     minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=tuple(
@@ -147,7 +146,3 @@ def _gain_percent(rmse: np.ndarray, ranking: np.ndarray) -> float:
 
 def _rms(values: np.ndarray) -> np.floating:
     return np.sqrt(np.square(values).mean())
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,7 +1,5 @@
 """Estimate of the irreducible error from presses with similar images and different counts.
 
-    python -m benchmarks.networks.irreducible_error data/small [--split test]
-
 If two presses have indistinguishable images, a translator predicts the same counts for both. Their
 counts are two samples of the distribution given the image, so that their mean squared difference is
 twice its variance. sqrt(mean squared difference / 2) is then the RMSE of the best predictor, the
@@ -16,8 +14,6 @@ difference of counts that depend smoothly on the image is linear in it.
 Shape letters: P presses, k neighbors, N taxels.
 """
 
-import argparse
-import json
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
@@ -154,15 +150,3 @@ def _at_noise(
             presses += own.sum()
             total += own.sum() * (y.mean() - slope * (x.mean() - noise_grey**2))
     return float(np.sqrt(max(0.0, total / presses))) if presses else None
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.networks.irreducible_error")
-    parser.add_argument("data", type=Path, help="the dataset")
-    parser.add_argument("--split", choices=("val", "test"), default="val")
-    options = parser.parse_args()
-    print(json.dumps(estimate_irreducible_error(options.data, options.split), indent=1))
-
-
-if __name__ == "__main__":
-    main()

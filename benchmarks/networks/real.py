@@ -1,6 +1,6 @@
 """Predictions of trained translators for frames of a real DIGIT.
 
-    python -m benchmarks.networks.real FRAMES RUN [RUN ...]
+    python -m benchmarks real FRAMES RUN [RUN ...]
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. The light is fitted to the first presses. On the last ones every run is evaluated on the
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import calibrate
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.real",
-    measures="Predictions of trained translators for frames of a real DIGIT.",
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/adaptation/real_frame_evaluation.py", "translate"),
     figures=(
@@ -53,15 +52,7 @@ BENCHMARK = Benchmark(
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.translate.inference.load import load_run
-
-    runs = {}
-    for folder in options.runs:
-        run = load_run(folder)
-        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
-        if name in runs:
-            raise T2TwinError(f"two runs are a {name}; name one of them")
-        runs[name] = run
+    runs = runs_by_name(options.runs)
     references, background_frame = real_references(options.frames)
     return {
         "presses": [
@@ -75,6 +66,19 @@ def measure(options: Namespace) -> dict[str, Any]:
         ],
         "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
     }
+
+
+def runs_by_name(folders: list[Path]) -> dict[str, TrainedTranslator]:
+    """The runs in folders, named by model and recipe. Raises T2TwinError for two of one name."""
+    from t2twin.translate.inference.load import load_run
+
+    runs = {}
+    for run in map(load_run, folders):
+        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
+        if name in runs:
+            raise T2TwinError(f"two runs are a {name}; name one of them")
+        runs[name] = run
+    return runs
 
 
 def real_references(folder: Path) -> tuple[References, np.ndarray]:
@@ -118,7 +122,3 @@ def _scores(
         "simulated": simulated,
         "background_counts": background_counts(run, background),
     }
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

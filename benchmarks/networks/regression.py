@@ -1,7 +1,7 @@
 """Both translators trained briefly on a small fixed dataset, compared with a baseline.
 
-    python -m benchmarks.networks.regression            measure and compare with the baseline
-    python -m benchmarks.networks.regression --write    measure and write a new baseline
+    python -m benchmarks regression            measure and compare with the baseline
+    python -m benchmarks regression --write    measure and write a new baseline
 
 The baseline, benchmarks/results/regression.json, has the RMSE in percent of full scale and the
 contact IoU of the translators. `tests/test_regression.py` compares every test run with it. If the
@@ -15,12 +15,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.evidence import Benchmark, Figure, main, read_results
+from benchmarks.evidence import Benchmark, Figure, read_results
 from t2twin.sim.dataset.generate import make_dataset
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.regression",
-    measures="Both translators trained briefly on a small fixed dataset, against a baseline.",
     minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -110,7 +109,3 @@ def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
             for split, rows in ious.items()
         },
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

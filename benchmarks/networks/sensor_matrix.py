@@ -1,6 +1,6 @@
 """Translation between every two bundled sensors.
 
-    python -m benchmarks.networks.sensor_matrix FOLDER
+    python -m benchmarks sensor_matrix FOLDER
 
 For every two sensors there is one dataset of the protocol at scale small. ResNet18 is trained on it
 to the counts of arrays, touch2touch to the images of gel cameras. FOLDER contains the datasets,
@@ -18,7 +18,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.sensor_matrix",
-    measures="Errors of translation between every two bundled sensors.",
     minutes=150,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -113,7 +112,3 @@ def _figures(evaluation: Evaluation) -> dict[str, Any]:
 def _row(row: ModelRow) -> dict[str, Any]:
     overall = {name: row.overall[name] for name in FIGURES if name in row.overall}
     return overall | {"interval": row.interval["rmse_percent"]}
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """Models that are learned on true counts, and fed with counts predicted from images.
 
-    python -m benchmarks.networks.transfer FOLDER
+    python -m benchmarks transfer FOLDER
 
 Small models are trained on the true counts of the training split: family of the primitive, place
 of the contact, force, and slip. Without further training, they are fed with true counts and with
@@ -26,14 +26,13 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 
 if TYPE_CHECKING:
     from benchmarks.networks.transfer_data import Task
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.transfer",
-    measures="Scores of models that are learned on true counts and fed with predicted counts.",
     minutes=90,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -93,7 +92,3 @@ def rows_of(task: Task) -> dict[str, dict[str, Any]]:
             "kept": share_kept(errors[PREDICTED], errors[TRUE], one.shapes),
         } | {row: each.score(one.shapes) for row, each in errors.items()}
     return rows
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

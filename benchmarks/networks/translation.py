@@ -1,6 +1,6 @@
 """Errors of trained translators and sample images, from the folder of `t2twin report`.
 
-    python -m benchmarks.networks.translation data/paper RUN... --report runs/paper/report
+    python -m benchmarks translation data/paper RUN... --report runs/paper/report
                                      [--layouts EVALUATION...]
 
 The results have the errors of every row, overall with intervals and by shape, and the overall
@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.files import atomic_write
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.translation",
-    measures="Errors of trained translators, baselines and floors.",
     minutes=4,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -112,7 +111,3 @@ def draw(report: ReportData) -> None:
                     rows.append(np.asarray(picture.convert("RGB")))
     with atomic_write(PICTURE) as temporary:
         Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

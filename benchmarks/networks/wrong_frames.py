@@ -1,6 +1,6 @@
 """Wrong frames that a field run names, and right frames that it takes for wrong.
 
-    python -m benchmarks.networks.wrong_frames --data data/sampled-units
+    python -m benchmarks wrong_frames --data data/sampled-units
 
 The dataset of 200 sampled units is made first if it is missing. Each of its frames is given as it
 is, and changed in each of the ways in the table. It has the unit's background frame, the same
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 
 if TYPE_CHECKING:
     from t2twin.translate.inference.predictor import TrainedTranslator
@@ -27,7 +27,6 @@ Frames = list[np.ndarray]
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.wrong_frames",
-    measures="Wrong frames that the pretrained run names, and right ones that it does not take.",
     minutes=8,
     sources=("sim", "translate"),
     figures=(
@@ -167,7 +166,3 @@ def _page(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     for top in range(4, rows, 13):
         draw.text((4, top), "".join(map(chr, rng.integers(97, 122, columns // 6))), fill=(20,) * 3)
     return np.asarray(image)
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

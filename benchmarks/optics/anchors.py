@@ -1,6 +1,6 @@
 """Accuracy of an optics file with known displacements, forces and a second ball.
 
-    python -m benchmarks.optics.anchors
+    python -m benchmarks anchors
 
 Simulates eight presses of one ball and of two balls, with a known scale and gel, in the default
 light. Measures the errors of scale, depths and modulus with and without known displacements and
@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import structs
 from PIL import Image
 
-from benchmarks.evidence import Benchmark, Figure, main
+from benchmarks.evidence import Benchmark, Figure
 from t2twin.sim.calibrate.calibrate import (
     FORCES,
     Bounds,
@@ -33,7 +33,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
-    measures="Accuracy of an optics file with known displacements, forces and a second ball.",
     minutes=6,
     sources=("primitives_cad", "sim/contact", "sim/calibrate", "sim/optical"),
     figures=tuple(
@@ -137,7 +136,3 @@ def _beside(certainty: OpticsUncertainty, poses: np.ndarray) -> dict[str, Any]:
 
 def _percent(span: Bounds, truth: float) -> float:
     return abs(100.0 * (span.value / truth - 1.0))
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

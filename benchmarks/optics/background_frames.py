@@ -1,6 +1,6 @@
 """Accuracy of lights that are estimated from the background frame of a real DIGIT.
 
-    python -m benchmarks.optics.background_frames FRAMES
+    python -m benchmarks background_frames FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. Every light renders the presses at the places and depths that the fitted light finds.
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.sim.calibrate.calibrate import calibrate, mean_light, sample_lights
 from t2twin.sim.calibrate.frames import Score, contact_patch, crop_scores, mean_score, read_frames
@@ -33,7 +33,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.background_frames",
-    measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
     minutes=2,
     sources=("sim/calibrate", "sim/optical"),
     figures=(Figure("held_out_presses.*.psnr_db", "dB"), Figure("held_out_presses.*.ssim")),
@@ -114,7 +113,3 @@ def _explained(background: np.ndarray) -> list[Explained]:
         off = 255.0 * np.sqrt(np.sum([error**2 for _, error in fits]) / wanted.size)
         explained.append(Explained(unit, np.array([gain for (gain, _), _ in fits]), float(off)))
     return explained
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

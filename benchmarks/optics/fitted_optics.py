@@ -1,6 +1,6 @@
 """Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.
 
-    python -m benchmarks.optics.fitted_optics FRAMES
+    python -m benchmarks fitted_optics FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project.
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.calibrate.frames import (
     CROP_PX,
@@ -28,7 +28,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.fitted_optics",
-    measures="Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.",
     minutes=4,
     sources=("sim/calibrate", "sim/optical"),
     figures=(
@@ -101,7 +100,3 @@ def measure(options: Namespace) -> dict[str, Any]:
         "scores": asdict(report.scores)
         | {name: None if floor is None else asdict(floor) for name, floor in floors.items()},
     }
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

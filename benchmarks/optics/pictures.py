@@ -1,6 +1,6 @@
 """The README's image docs/pictures/presses.png.
 
-    python -m benchmarks.optics.pictures
+    python -m benchmarks pictures
 
 Five presses at 8 N, one column each: the shape, the DIGIT image and the tactile image. The results
 have the presses and one figure of each sensor.
@@ -12,7 +12,7 @@ from typing import Any
 from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
-from benchmarks.evidence import Benchmark, Figure, main
+from benchmarks.evidence import Benchmark, Figure
 from t2twin.core.draw import colored_tactile_image
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
@@ -23,7 +23,6 @@ from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.pictures",
-    measures="The README's image of five presses.",
     minutes=0.3,
     sources=("primitives_cad", "sim"),
     figures=(
@@ -96,7 +95,3 @@ def _drawn_shape(name: str) -> Image.Image:
     drawing = Image.fromarray(export.draw(mesh, view, SHAPE_PX, export.STEEL)[0])
     ImageDraw.Draw(drawing).text((6, 4), name, fill=export.INK, font_size=15)
     return drawing
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """A real DIGIT compared with randomly sampled units.
 
-    python -m benchmarks.optics.units FRAMES
+    python -m benchmarks units FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. An optics file is fitted to the frames and compared with sampled units. A percentile is the
@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
@@ -28,7 +28,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
-    measures="A real DIGIT compared with randomly sampled units.",
     minutes=2,
     sources=("sim/calibrate", "sim/optical"),
     figures=(Figure("parameters.*.real.percentile", "%"),),
@@ -138,7 +137,3 @@ def sheet() -> Image.Image:
         tile = Image.fromarray(picture).resize(TILE_PX)
         page.paste(tile, (column * TILE_PX[0], row * TILE_PX[1]))
     return page
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

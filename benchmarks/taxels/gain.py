@@ -1,6 +1,6 @@
 """The gain of an array at which the largest taxels of the training set just reach full scale.
 
-    python -m benchmarks.taxels.gain [SCALE] [--sensor SENSOR]
+    python -m benchmarks gain [SCALE] [--sensor SENSOR]
 
 Presses the training shapes of a scale (default: paper) into the default array. Returns the gain for
 its file, and the share of saturated samples with the present gain.
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.defaults import TARGET
@@ -22,7 +22,6 @@ from t2twin.sim.taxels.taxel_array import TaxelArray
 
 BENCHMARK = Benchmark(
     module="benchmarks.taxels.gain",
-    measures="Gain at which the largest taxels of the training set reach full scale.",
     minutes=9,
     sources=("primitives_cad", "sim"),
     figures=(
@@ -77,7 +76,3 @@ def measure(options: Namespace) -> dict[str, Any]:
         "gain_counts_in_use": counts.gain,
         "saturated_share_in_use": float(saturated),
     }
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

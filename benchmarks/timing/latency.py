@@ -1,6 +1,6 @@
 """Time from one frame to its counts on one core, as a live sensor needs it.
 
-    python -m benchmarks.timing.latency
+    python -m benchmarks latency
 
 The input is a (320, 240, 3) uint8 array; the time includes resizing. All translators at the presets
 cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence import Benchmark, Figure, main
+from benchmarks.evidence import Benchmark, Figure
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.pair import SensorPair
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.latency",
-    measures="Time from one frame to its counts or contact on one core, against PyTorch.",
     minutes=2,
     sources=("sim/taxels", "translate"),
     figures=(
@@ -137,7 +136,3 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> None:
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
     save_weights(run_dir / BEST, build(config).predictor.state_dict())
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

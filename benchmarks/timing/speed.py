@@ -1,7 +1,7 @@
 """Cost of a press, a slide, an image and a dataset, compared with another commit of this project.
 
-    python -m benchmarks.timing.speed
-    python -m benchmarks.timing.speed --against 8e3a083
+    python -m benchmarks speed
+    python -m benchmarks speed --against 8e3a083
 
 The other commit is REFERENCE, so that a loss of a tenth misses a limit. Both run side by side, each
 in its own process on one core (`speed_turn.py`): they do each press in turn, because a machine
@@ -27,13 +27,12 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import new_folder
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.speed",
-    measures="Speed of a press, a slide, an image and a dataset, against another commit.",
     minutes=15,
     sources=("primitives_cad", "sim"),
     figures=(Figure("times_as_fast.*", "times", least=0.95), Figure("ms.*", "ms")),
@@ -154,7 +153,3 @@ def _start(checkout: Path, arguments: list[str], **streams: Any) -> subprocess.P
         text=True,
         **streams,
     )
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """Start time and latency of the studio, and its image docs/pictures/studio.png.
 
-    python -m benchmarks.timing.studio RUN [RUN ...]
+    python -m benchmarks studio RUN [RUN ...]
 
 Needs chromium. The browser draws without a GPU, on the same cores. The first run is the translator
 in the timed part.
@@ -20,14 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import ROOT
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.studio",
-    measures="Start time and latency of the studio.",
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/studio", "translate/inference"),
     figures=(
@@ -146,7 +145,3 @@ def _opened(browser: Any, served: Any) -> tuple[Any, Any]:
         time.sleep(0.05)
     time.sleep(3.0)  # viser draws it finely once nothing moves
     return tab, page
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)

@@ -1,6 +1,6 @@
 """Training throughput of `t2twin train`.
 
-    python -m benchmarks.timing.training [--data DIR]
+    python -m benchmarks training [--data DIR]
 
 The time of an epoch includes the validation. It does not include the first decoding, the estimate
 and saving. Without --data a dataset of scale smoke is made. Some steps of preset paper are timed to
@@ -16,7 +16,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Argument, Benchmark, Figure
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling import protocol
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.training",
-    measures="Training throughput.",
     minutes=6,
     sources=("sim/dataset", "translate"),
     figures=(
@@ -124,7 +123,3 @@ def _ours(model: Model, data_dir: Path, run_dir: Path, epochs: int) -> float:
 
     train(model, data_dir, PRESET, run_dir, epochs=epochs)
     return sum(record.seconds for record in read_log(run_dir))
-
-
-if __name__ == "__main__":
-    main(BENCHMARK)
