@@ -131,7 +131,7 @@ def simulated(
     levels, rng = levels_over(array, shape, period_mm, is_held), np.random.default_rng(0)
     table, found = array.spec.counts, []
     for speed_mm_s in SPEEDS_MM_S:
-        way_mm = np.arange(0.0, LENGTH_MM, speed_mm_s * table.sample_s)
+        way_mm = np.arange(0.0, LENGTH_MM, speed_mm_s / (table.rate_hz or 1.0))
         places = STEP_MM * np.arange(len(levels))
         true = np.transpose(
             [np.interp(way_mm, places, each, period=period_mm) for each in levels.T]
