@@ -27,7 +27,6 @@ from t2twin.translate.evaluation.evaluate import (
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
 from t2twin.translate.evaluation.table import DIFFERENCE, PAPER, figures_tables
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import with_background
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.config import best_epoch, read_log
 
@@ -182,7 +181,7 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(small_dataset
     run = load_run("field").need_uncertainty("the test")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = SensorPair().camera.image_renderer.background
-    expected = run.estimate_pixels(with_background(pairs.images[:], run.pixels_of(frame)[0]))
+    expected = run.estimate_pixels(run.pixels_of(list(pairs.images[:]), frame))
     expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)

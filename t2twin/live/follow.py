@@ -16,7 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
-from t2twin.translate.inference.estimate import ContactEstimate
+from t2twin.translate.inference.estimate import DISAGREE_NOTE, ContactEstimate
 from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.uncertainty.ood import OODClass, unlike
 
@@ -98,7 +98,7 @@ def follow(
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
     throughput, latest = Throughput(), LatestFrame(source)  # which reads from now on
     report_due_s, last, warned = throughput.began_s + REPORT_EVERY_S, -1, False
-    reported, repeated_rows = None, RepeatedRows(report)
+    reported, repeated_rows, agreed = None, RepeatedRows(report), True
     try:
         while max_frames is None or throughput.translated < max_frames:
             ended = latest.ended  # read before the frame: a last frame may arrive with the end
@@ -128,6 +128,9 @@ def follow(
                     stored = run.stored(classes, background, [frame.image], order)
                     for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
                         report(said)
+                if agreed and contact is not None and not contact.agrees:
+                    agreed = False
+                    report(f"frame {frame.number}: {DISAGREE_NOTE}")
             state = throughput.translated, frame is None
             if not latest.ended and state != reported and time.perf_counter() >= report_due_s:
                 report_due_s, reported = time.perf_counter() + REPORT_EVERY_S, state

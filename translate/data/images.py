@@ -85,16 +85,12 @@ def augment(
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
         image = jittered[..., :COLORS]
-        image += noise * _white_noise(rng, image)
+        if image.device.type == "cpu":
+            image += noise * torch.from_numpy(standard_normal(rng, tuple(image.shape)))
+        else:
+            generator = torch.Generator(image.device).manual_seed(int(rng.integers(2**63)))
+            image += noise * torch.randn(image.shape, generator=generator, device=image.device)
     return jittered.clamp(0.0, 1.0)
-
-
-def _white_noise(rng: np.random.Generator, like: torch.Tensor) -> torch.Tensor:
-    """Independent standard normal values in the shape and on the device of a tensor, float32."""
-    if like.device.type == "cpu":
-        return torch.from_numpy(standard_normal(rng, tuple(like.shape)))
-    generator = torch.Generator(like.device).manual_seed(int(rng.integers(2**63)))
-    return torch.randn(like.shape, generator=generator, device=like.device)
 
 
 def on_device(values: np.ndarray, device: torch.device) -> torch.Tensor:

@@ -226,8 +226,7 @@ def predict_runs(
         estimates[name] = as_readings(found, inputs.dataset)
         predictions[name] = estimates[name].counts
         if own.contact is not None:
-            title = f"contact of {name}"
-            contacts[name] = contact_metrics(run, images, own.contact, own.force_n, title)
+            contacts[name] = contact_metrics(run, images, own.contact, own.force_n, name)
     return predictions, estimates, contacts
 
 
@@ -240,11 +239,7 @@ def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
 
 
 def contact_metrics(
-    run: TrainedTranslator,
-    pictures: Pictures,
-    contact: ImageFile,
-    force_n: np.ndarray,
-    progress: str | None = None,
+    run: TrainedTranslator, pictures: Pictures, contact: ImageFile, force_n: np.ndarray, name: str
 ) -> Figures:
     """The errors of a run that predicts the contact, in the cells of its maps.
 
@@ -253,7 +248,7 @@ def contact_metrics(
     """
     half, view_mm = half_width(metrics.REPORTED_LEVEL), run.config.data.camera.view_mm
     parts, false_contacts = [], []
-    for part in parts_of(len(contact), progress):
+    for part in parts_of(len(contact), f"contact of {name}"):
         inputs = to_input(pictures[part].astype(np.float32) / 255.0)
         found = SimpleNamespace(**run.translator.predict_all(inputs, True))
         maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)

@@ -299,11 +299,8 @@ def shear_metrics(estimate: Estimate, pairs: Pairs) -> Figures | None:
 
     Medians of direction and magnitude are over the pairs above min_shear_n, missing without.
     """
-    if estimate.shear_n is None or estimate.shear_std_n is None or pairs.shear_n is None:
-        return None
     moving = pairs.is_moving
-    assert moving is not None
-    if not moving.any():
+    if estimate.shear_n is None or pairs.shear_n is None or moving is None or not moving.any():
         return None
     true, found = pairs.shear_n[moving], estimate.shear_n[moving].astype(float)
     covered = _covered(found - true, estimate.shear_std_n[moving])

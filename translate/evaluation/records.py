@@ -99,11 +99,6 @@ class Evaluation:
     pictures: str | None = None  # what predicted images are compared as; None for counts
 
     @property
-    def has_forces(self) -> bool:
-        """Whether its pairs have several forces."""
-        return any(len(row.by_force) > 1 for row in self.models.values())
-
-    @property
     def runs(self) -> dict[str, ModelRow]:
         """The rows of trained runs, in the order of the arguments."""
         return {name: row for name, row in self.models.items() if row.run is not None}

@@ -93,7 +93,9 @@ def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -
     """The figures of each split, the errors by force, and the further outputs. name: displayed name
     of a row or a split."""
     tables = [table for one in evaluations.values() for table in figures_tables(one, name)]
-    tables += [_force_table(one, name) for one in evaluations.values() if one.has_forces]
+    for one in evaluations.values():
+        if any(len(row.by_force) > 1 for row in one.models.values()):  # of several forces
+            tables.append(_force_table(one, name))
     lines = []
     for split, one in evaluations.items():
         for run, row in one.runs.items():

@@ -31,10 +31,12 @@ PNG_MM, PNG_ZERO = 1e-3, 1000
 EDGE_CELLS = 1  # Width of the edge of the view, cells of the network
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
+DISAGREE_NOTE = "counts and contact disagree in place or force; do not rely on either"
 
 ENDS = (".npz", ".json", "_depth.png", "_relief.png")  # of the files of a contact
 ARRAYS = (*MAPS, "mask")
-NUMBERS = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
+DIFFERENCES = ("counts_off_mm", "counts_force_ratio")
+NUMBERS = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n", *DIFFERENCES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +65,7 @@ class Estimate:
         parts = [f"counts {self.counts.shape}"]
         if self.dense_counts is not None:
             parts.append(f"dense_counts {self.dense_counts.shape}")
-        for name in ("force", "shear"):
-            value, std = getattr(self, f"{name}_n"), getattr(self, f"{name}_std_n")
-            if value is not None and std is not None:
-                is_single = self.counts.ndim == 1
-                parts.append(f"{name} {with_std(value, std) if is_single else value.shape} N")
+        parts += forces_in_words(self) if self.counts.ndim == 1 else []
         classes = [] if self.ood_class is None else np.atleast_1d(self.ood_class)
         found = dict.fromkeys(map(str, classes))  # each once
         parts += [name for name in found if name != OODClass.IN_DISTRIBUTION]
@@ -124,6 +122,12 @@ def with_std(value: np.ndarray, std: np.ndarray) -> str:
     return ", ".join(f"{each:.3g} ± {spread:.2g}" for each, spread in pairs)
 
 
+def forces_in_words(one: "Estimate | ContactEstimate") -> list[str]:
+    """Force and shear force of one image with their standard deviations, as far as predicted."""
+    forces = (("force", one.force_n, one.force_std_n), ("shear", one.shear_n, one.shear_std_n))
+    return [f"{name} {with_std(*both)} N" for name, *both in forces if both[0] is not None]
+
+
 def half_width(level: float) -> float:
     """Half the width of a Gaussian's central interval, standard deviations."""
     level = arguments.real(level, "level")
@@ -157,6 +161,10 @@ class ContactEstimate:
     force_std_n: np.ndarray | None = None
     shear_n: np.ndarray | None = None  # (2,) shear force along x and y
     shear_std_n: np.ndarray | None = None
+    # () distance of the center of the dense counts in the view from the center of pressure, mm
+    counts_off_mm: np.ndarray | None = None
+    counts_force_ratio: np.ndarray | None = None  # () force of the dense counts over force_n
+    agrees: bool = True  # whether both are in the ranges of the run's validation, if it has them
 
     def __repr__(self) -> str:
         return f"ContactEstimate({self.words})"
@@ -164,13 +172,8 @@ class ContactEstimate:
     @property
     def words(self) -> str:
         """Depth, area, force, shear force and notes in words."""
-        parts = [f"depth {self.largest_depth_mm:.3g} mm, area {self.area_mm2:.3g} mm2"]
-        for name, value, std in (
-            ("force", self.force_n, self.force_std_n), ("shear", self.shear_n, self.shear_std_n),
-        ):  # fmt: skip
-            if value is not None and std is not None:
-                parts.append(f"{name} {with_std(value, std)} N")
-        return "; ".join([*parts, *self.notes])
+        part = f"depth {self.largest_depth_mm:.3g} mm, area {self.area_mm2:.3g} mm2"
+        return "; ".join([part, *forces_in_words(self), *self.notes])
 
     @property
     def is_empty(self) -> bool:
@@ -185,6 +188,7 @@ class ContactEstimate:
             f"out of distribution ({self.ood_class})": is_ood,
             EMPTY_NOTE: self.is_empty,
             EDGE_NOTE: self.at_edge,
+            DISAGREE_NOTE: not self.agrees,
         }
         return tuple(note for note, applies in found.items() if applies)
 
@@ -273,7 +277,7 @@ def contacts_of(
                 view_mm=view_mm,
                 at_edge=at_edge[number],
                 ood_class=classes[number],
-                **{name: outputs[name][number] for name in NUMBERS if name in outputs},
+                **{n: outputs[n][number] for n in (*NUMBERS, "agrees") if n in outputs},
             )
         )
     return estimates

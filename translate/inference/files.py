@@ -30,6 +30,7 @@ from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
 from t2twin.translate.data.images import read_image
 from t2twin.translate.inference.estimate import (
+    DIFFERENCES,
     ENDS,
     ContactEstimate,
     Estimate,
@@ -46,7 +47,9 @@ CONTACTS_CSV, KIND = "contacts.csv", "translation"  # and the kind of result
 
 TAXEL = "taxel_"  # Start of the columns of counts
 # Numbers and vectors of ContactEstimate.summary in contacts.csv
-COLUMNS = ("force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n")
+COLUMNS = (
+    "force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n", *DIFFERENCES,
+)  # fmt: skip
 VECTORS = {
     "center_mm": ("center_x_mm", "center_y_mm"),
     "center_std_mm": ("center_std_x_mm", "center_std_y_mm"),
@@ -127,26 +130,21 @@ def translate_images(
     folder that is not a run. It also does for a layout that the run cannot be read at, a background
     frame with another run, and a file that would replace an input or another's file.
     """
-    return translate_files(run, paths, out_dir, layout, png, bf16, background, order).counts
-
-
-def translate_files(
-    run_dir: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
-    layout: str | Path | None = None, png: bool = True, bf16: bool = False,
-    background: str | Path | None = None, order: FrameOrder = UPRIGHT,
-) -> Estimate:  # fmt: skip
-    """As `translate_images`; returns all that is predicted, without tactile images."""
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = _background(background, order)
+    frame = background and read_image(arguments.path(background, "background"), order)
     names = output_names(images) if arguments.flag(png, "png") else []
-    run = load_run(run_dir, layout, bf16)
-    array, found, given = run.config.data.array, [], _paths(*images, background, layout)
+    predictor = load_run(run, layout, bf16)
+    array, found, given = (
+        predictor.config.data.array,
+        [],
+        [*images, *map(Path, filter(None, (background, layout)))],
+    )
     with (
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,
     ):
         for part, frames in _batches(images, pool, order):
-            estimate = run.classified_estimate(frames, frame, tactile=png)
+            estimate = predictor.classified_estimate(frames, frame, tactile=png)
             if png:
                 stds = estimate.tactile_std
                 stds = [None] * len(frames) if stds is None else stds
@@ -154,20 +152,12 @@ def translate_files(
                 list(pool.map(_save, [array] * len(files), files, estimate.tactile_images, stds))
             found.append(replace(estimate, tactile_images=None, tactile_std=None))
         whole = concatenate(found)
-        _write_tables(folder, run, images, names, whole, background)
-    is_without = run.has_uncertainty and background is None
+        _write_tables(folder, predictor, images, names, whole, background)
+    is_without = predictor.has_uncertainty and background is None
     classes = whole.ood_class.tolist()
-    stored = run.stored(classes, frame, images, order)
-    warn(NO_BACKGROUND if is_without else None, unlike(classes, str(run_dir), images), stored)
-    return whole
-
-
-def _background(path: str | Path | None, order: FrameOrder) -> np.ndarray | None:
-    return None if path is None else read_image(arguments.path(path, "background"), order)
-
-
-def _paths(*given: str | Path | None) -> list[Path]:
-    return [Path(each) for each in given if each is not None]
+    stored = predictor.stored(classes, frame, images, order)
+    warn(NO_BACKGROUND if is_without else None, unlike(classes, str(run), images), stored)
+    return whole.counts
 
 
 def _save(array: ArrayInfo, path: Path, tactile: np.ndarray, std: np.ndarray | None = None) -> None:
@@ -229,7 +219,7 @@ def translate_contacts(
     Returns the contacts in the order of `find_images`, and warns of their notes.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = _background(background, order)
+    frame = background and read_image(arguments.path(background, "background"), order)
     predictor = load_run(run)
     found: list[ContactEstimate] = []
     names = [name.removesuffix(".png") for name in output_names(images)]
@@ -237,7 +227,9 @@ def translate_contacts(
     ends = [CONTACTS_CSV, *(f"{name}{end}" for name in names for end in written)]
     with (
         ThreadPoolExecutor() as pool,
-        result_folder(out_dir, KIND, ends, _paths(*images, background)) as folder,
+        result_folder(
+            out_dir, KIND, ends, [*images, *map(Path, filter(None, (background,)))]
+        ) as folder,
     ):
         for _, frames in _batches(images, pool, order):
             found += predictor.classified_estimate(frames, frame, contact=True).contact

@@ -21,7 +21,7 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
-from t2twin.core.images import is_noise
+from t2twin.core.images import fault_of, is_colored, is_noise
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
@@ -40,6 +40,7 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import Pictures, TactilePictures
 from t2twin.translate.inference.estimate import (
+    DIFFERENCES,
     VALUES,
     Estimate,
     contacts_of,
@@ -58,7 +59,6 @@ from t2twin.translate.uncertainty.ood import (
     OODClass,
     classify_frame,
     compare_with_background,
-    faulty,
     unlike,
 )
 
@@ -81,6 +81,8 @@ NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
     "same sensor without contact (--background)"
 )
+# Pressures that counts are of, by interpolation (assumed: of any array)
+PRESSURES_MPA = np.append(0.0, np.geomspace(1e-6, 1e3, 2000))
 Outputs = dict[str, np.ndarray]  # Predictions for B readings by name, see Translator
 # Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot
 Compute = Callable[[np.ndarray, bool], Outputs | None]
@@ -145,7 +147,7 @@ class TrainedTranslator:
             self.need(background is None, "a background frame", "a field run")
             counts = _checked_counts(readings, source)
             pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
-            return self._outputs(pixels)[self.config.data.target.value], counts.ndim == 1
+            return self.outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
         warn(unlike(classes, self.run_dir.name), self.stored(classes, background, frames))
@@ -167,7 +169,7 @@ class TrainedTranslator:
         with background frames. progress: title of a progress bar, or None.
         """
         self._check_pixels(pixels)
-        return self._outputs(pixels, progress)[self.config.data.target.value]
+        return self.outputs(pixels, progress)[self.config.data.target.value]
 
     def _predicted(
         self, frames: Sequence[np.ndarray], background: np.ndarray | None, contact: bool = False,
@@ -176,11 +178,11 @@ class TrainedTranslator:
         """Predictions and (B,) classes of checked images, in one pass."""
         rows, columns, _ = self.config.data.camera.image_shape
         pixels, aspect = self._pixels(frames, background), columns / rows
-        outputs = self._outputs(pixels, None, contact, True, tactile)
+        outputs = self.outputs(pixels, None, contact, True, tactile)
         both = zip(frames, self._classified(pixels, outputs), strict=True)
         return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]
 
-    def _outputs(
+    def outputs(
         self, pixels: np.ndarray | Pictures, progress: str | None = None,
         contact: bool = False, features: bool = False, tactile: bool = False,
     ) -> Outputs:  # fmt: skip
@@ -234,10 +236,12 @@ class TrainedTranslator:
         reliable.
         """
         found = self.classified_estimate(images, background, tactile, contact)
-        each = found.ood_class
+        each, contacts = found.ood_class, found.contact
         classes = [each] if isinstance(each, OODClass) else each.tolist()
         stored = self.stored(classes, background, image_list(images)[0])
-        warn(unlike(classes, self.run_dir.name), stored)
+        warn(None if contact else unlike(classes, self.run_dir.name), stored)
+        if contact:
+            warn_of_contacts(contacts if isinstance(contacts, list) else [contacts])
         return found
 
     def classified_estimate(
@@ -258,6 +262,10 @@ class TrainedTranslator:
         found = self._estimate(outputs, np.array(classes, dtype=object))
         if contact:
             sizes = [frame.shape[:2] for frame in frames]
+            outputs |= self.differences(outputs)
+            ranges = self.config.agreement.items()
+            beyond = sum((outputs[n] < low) | (outputs[n] > high) for n, (low, high) in ranges)
+            outputs["agrees"] = np.equal(beyond, np.zeros(len(frames)))
             of_image = contacts_of(outputs, sizes, self.config.data.camera.view_mm, classes)
             found = replace(found, contact=of_image)
         return found.first() if is_one else found
@@ -270,16 +278,32 @@ class TrainedTranslator:
         it, each of which is also a T2TwinWarning. Raises T2TwinError for a run that does not
         predict the contact.
         """
-        found = self.classified_estimate(images, background, contact=True).contact
-        warn_of_contacts(found if isinstance(found, list) else [found])
-        return found
+        return self.estimate(images, background, contact=True).contact
+
+    def differences(self, outputs: Outputs) -> Outputs:
+        """(B,) of counts and contact by the names in DIFFERENCES; NaN without contact."""
+        data, array, center = self.config.data, self._array, outputs["center_mm"]
+        places = np.column_stack([data.array.dense_x_mm, data.array.dense_y_mm])
+        seen = (np.abs(places) <= data.camera.view_mm).all(axis=1)
+        dense, carried_n = outputs["dense_counts"].astype(float), np.full(len(center), np.nan)
+        if array is not None:
+            counts = array.counts_of(PRESSURES_MPA)
+            below = counts < array.full_scale
+            carried_mpa = np.interp(dense, counts[below], PRESSURES_MPA[below])
+            carried_n = carried_mpa.sum(axis=1) * array.dense_table.cell_mm2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            of_counts = dense[:, seen] @ places[seen] / dense[:, seen].sum(axis=1, keepdims=True)
+            ratio = carried_n / outputs.get("force_n", np.nan)
+        off_mm = np.linalg.norm(of_counts - center, axis=1)
+        ratio = np.where(np.isfinite(center[:, 0]), ratio, np.nan)
+        return dict(zip(DIFFERENCES, (off_mm, ratio), strict=True))
 
     def estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
         """As `estimate`, without classes, for images as for `predict_pixels`."""
         self.need_counts("estimate")._check_pixels(pixels)
-        return self._estimate(self._outputs(pixels, progress), None)
+        return self._estimate(self.outputs(pixels, progress), None)
 
     def _estimate(self, outputs: Outputs, classes: np.ndarray | None) -> Estimate:
         return Estimate(
@@ -309,14 +333,9 @@ class TrainedTranslator:
         for a number or a seed that is not a whole number in range.
         """
         self.need_uncertainty("sample_dense_counts")
-        arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
-        arguments.check_seed(seed)
         frames, is_one = image_list(images)
-        if number * len(frames) > MAX_FIELDS:
-            raise T2TwinError(
-                f"{number} fields of {len(frames)} images are {number * len(frames)}; expected at "
-                f"most {MAX_FIELDS} in all"
-            )
+        arguments.whole_number(number, "number", low=1, high=MAX_FIELDS // max(1, len(frames)))
+        arguments.check_seed(seed)
         pixels = self._pixels(frames, background)
         found = self.translator.predict_all(
             self.translator.to_input(pixels.astype(np.float32) / WHITE_GREY)
@@ -339,13 +358,17 @@ class TrainedTranslator:
         if they have them. A run with a frame check uses it too, and the predicted force.
         """
         self._check_pixels(pixels)
-        return self._classified(pixels, self._outputs(pixels, features=True))
+        return self._classified(pixels, self.outputs(pixels, features=True))
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
         images, frames = pixels[..., :COLORS], pixels[..., COLORS:]
         detector, has_frames = self.config.ood_detector, frames.shape[-1] > 0
-        ways = [faulty(images, frames) if detector is None else detector.classify(images)]
+        if detector is None:  # by faults alone; background frames have the colors of the sensor
+            faults = map(fault_of, images, [has_frames and is_colored(each) for each in frames])
+            ways = [[OODClass(fault or OODClass.NOT_COMPARED) for fault in faults]]
+        else:
+            ways = [detector.classify(images)]
         if has_frames:
             ways.append(compare_with_background(images, frames))
         if self._frame_check is not None and len(images):
@@ -438,7 +461,7 @@ class TrainedTranslator:
         @lru_cache(MAX_BACKGROUNDS)
         def touched(content: bytes) -> bool:
             frame = np.frombuffer(content, np.uint8).reshape(1, size, size, COLORS)
-            outputs = self._outputs(frame)
+            outputs = self.outputs(frame)
             if not known or "force_n" not in outputs:
                 return False
             force_n, half = _force_and_half(outputs)
@@ -516,7 +539,7 @@ class TrainedTranslator:
             return pixels
         frame = one_image(background, "background", ONE)
         behind = resized([frame], self.config.preset.size, self.config.preset.grey)[0]
-        return with_background(pixels, behind)
+        return np.concatenate([pixels, np.broadcast_to(behind, pixels.shape)], axis=-1)
 
     def _check_pixels(self, pixels: np.ndarray | Pictures) -> None:
         """Raises T2TwinError for an array that `pixels_of` cannot return."""
@@ -524,11 +547,6 @@ class TrainedTranslator:
         if isinstance(pixels, np.ndarray) and self.config.data.source.value == IMAGE:
             colors = (COLORS, 2 * COLORS) if self.has_uncertainty else (COLORS,)
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
-
-
-def with_background(pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(B, S, S, 6): pixels, (B, S, S, 3), each followed by a frame, (S, S, 3)."""
-    return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
 
 
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:

@@ -80,11 +80,6 @@ BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
 FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
 
-def log_force(force_n: torch.Tensor) -> torch.Tensor:
-    """The shifted logarithm of forces, N, the target of training."""
-    return torch.log(force_n + FORCE_OFFSET_N)
-
-
 class FieldTranslator(Translator):
     """One network of images, (B, 3, S, S), or with background frames, (B, 6, S, S)."""
 
@@ -135,7 +130,7 @@ class FieldTranslator(Translator):
                 network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
                 network.field_variance.fill_(float(field.var(axis=0).mean()))
             if not network.predicts_force:
-                forces = log_force(torch.tensor(pairs.force_n))
+                forces = torch.log(torch.tensor(pairs.force_n) + FORCE_OFFSET_N)
                 network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
             if network.predicts_shear and not network.shear_scale:
                 assert pairs.shear_n is not None
@@ -170,9 +165,10 @@ class FieldTranslator(Translator):
         network = self.predictor
         assert examples.dense_counts is not None and examples.force_n is not None
         mean, std = network.force_scale
+        forces = torch.log(examples.force_n + FORCE_OFFSET_N)
         found = {
             "field": outputs["field"] - examples.dense_counts / self.full_scale,
-            "force": outputs["force"] - (log_force(examples.force_n) - mean) / std.clamp(min=1e-3),
+            "force": outputs["force"] - (forces - mean) / std.clamp(min=1e-3),
         }
         if "shear" in outputs and examples.shear_n is not None:
             found["shear"] = outputs["shear"] - examples.shear_n / network.shear_scale
@@ -345,13 +341,9 @@ class FieldTranslator(Translator):
     def _fit_contact_limits(self, sets: Sequence[Pairs]) -> None:
         """Sets the limits of contact from pairs without and with a contact."""
 
-        def largest(pixels: np.ndarray) -> torch.Tensor:
-            found = [torch.empty(0)]
-            for start in range(0, len(pixels), BATCH_SIZE):
-                part = pixels[start : start + BATCH_SIZE].astype(np.float32)
-                logit = self.outputs(to_input(part / WHITE_GREY), True)["contact"]
-                found.append(logit.amax(dim=(1, 2)).cpu())
-            return torch.cat(found)
+        def largest(pairs: Pairs) -> torch.Tensor:
+            logits = (outputs["contact"] for _, outputs in self._outputs_on(pairs, True))
+            return torch.cat([torch.empty(0), *(each.amax(dim=(1, 2)).cpu() for each in logits)])
 
         without_contact, with_contact = ([[torch.empty(0)], [torch.empty(0)]] for _ in range(2))
         for pairs in sets:
@@ -362,11 +354,12 @@ class FieldTranslator(Translator):
             some = some[(pairs.contact[some][:, 1] > CONTACT_KPA).any(axis=(1, 2))]
             none = np.flatnonzero(pairs.force_n == 0)
             for found, rows in ((without_contact, none), (with_contact, some)):
-                pixels = pairs.inputs[rows]
-                for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
-                    found[mode].append(largest(inputs))
-                if found is with_contact and pixels.shape[-1] > COLORS:
-                    without_contact[0].append(largest(pixels[..., COLORS:]))
+                part = pairs.subset(rows)
+                for mode, each in enumerate((replace(part, backgrounds=None), part)):
+                    found[mode].append(largest(each))
+                if found is with_contact and part.backgrounds is not None:
+                    frames = replace(part, source=part.backgrounds, backgrounds=None)
+                    without_contact[0].append(largest(frames))
         logits = ([torch.cat(each) for each in found] for found in (without_contact, with_contact))
         fit_contact_limits(self.predictor, *logits)
 

@@ -163,15 +163,10 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
     """The preset of a model by its name."""
-    presets = PRESETS[find_model(model)]
+    presets = PRESETS[cast(Model, arguments.choice(model, "the model", MODELS))]
     if isinstance(preset, Preset):
         return preset
     return presets[arguments.choice(preset, f"the preset of {model}", tuple(presets))]
-
-
-def find_model(model: str) -> Model:
-    """The model of a name."""
-    return cast(Model, arguments.choice(model, "the model", MODELS))
 
 
 def check_direction(direction: str, model: Model) -> None:

@@ -19,6 +19,7 @@ from itertools import islice
 from operator import attrgetter
 from os.path import lexists
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -33,6 +34,8 @@ from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.inference.estimate import DIFFERENCES
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models import distributed, presets
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.field_net import CONTACT, SHEAR, side_of_maps
@@ -57,6 +60,7 @@ from t2twin.translate.runs.config import (
     write_log,
 )
 from t2twin.translate.training.frame_check import fit_frame_check
+from t2twin.translate.uncertainty.calibration import MIN_ERRORS
 from t2twin.translate.uncertainty.ood import fit_ood_detector
 
 MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs several)
@@ -76,6 +80,7 @@ GIVEN = {
     "number of epochs": "epochs", "number of steps": "steps", "limit in minutes": "minutes",
     "number of processes": "processes", "warm start": "init_from",
 }  # fmt: skip
+DIFFERING_SHARE = 0.02  # Share of the validation contacts beyond a range (assumed)
 TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 warn_once = cache(warn)  # an adaptation finds its initial weights twice
 
@@ -132,7 +137,7 @@ def train(
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
-    name, settings = presets.find_model(model), for_steps(presets.find_preset(model, preset), steps)
+    settings, name = for_steps(presets.find_preset(model, preset), steps), cast(Model, model)
     reverse = presets.is_reverse(direction, **read_info(data_dir).values)
     info = load_info(data_dir, reverse)
     presets.check_direction(info.direction, name)
@@ -216,6 +221,8 @@ def _run(
             return result
         # What a finished run may lack after a kill
         if finished is None or not (out_dir / CARD).is_file():
+            if config.has_uncertainty and config.data.has_contact:
+                fit_agreement(out_dir, _load(data_dir, "val", config, out_dir, reverse))
             write_card(out_dir, data_dir)
         if frame_check and config.contact_data is None:
             fit_frame_check(out_dir, data_dir)
@@ -559,6 +566,21 @@ def steps_of_epoch(batches: int, budget: int) -> int:
     return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
 
 
+def fit_agreement(run_dir: Path, *sets: Pairs) -> None:
+    """Sets the ranges of differences of counts and contact of a run that predicts both, by
+    validation pairs."""
+    run, agreement = load_run(run_dir), {}
+    found = [run.differences(run.outputs(pairs.inputs, contact=True)) for pairs in sets]
+    for name in DIFFERENCES:
+        values = np.concatenate([each[name] for each in found])
+        values = values[np.isfinite(values)]
+        if values.size >= MIN_ERRORS:
+            shares = (DIFFERING_SHARE / 2, 1.0 - DIFFERING_SHARE / 2)
+            low, high = np.quantile(values, shares).tolist()
+            agreement[name] = (0.0 if name == DIFFERENCES[0] else low, high)
+    structs.replace(run.config, agreement=agreement).save(run_dir)
+
+
 def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     """Fits the calibration of a field run again; writes its best weights and its card.
 
@@ -588,6 +610,8 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         ]
         translator.calibrate(*samples)
         checkpoint.save_weights(run_dir / BEST, translator.predictor.state_dict())
+        if config.data.has_contact:
+            fit_agreement(run_dir, *samples)
         fit_frame_check(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))

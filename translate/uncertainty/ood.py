@@ -174,12 +174,6 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
     )
 
 
-def faulty(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
-    """(B,) classes by faults alone; frames, (B, S, S, 3 or 0), have the colors of a sensor."""
-    faults = map(fault_of, pixels, [each.size > 0 and is_colored(each) for each in frames])
-    return [OODClass(fault or OODClass.NOT_COMPARED) for fault in faults]
-
-
 def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
     """(B,) classes of images by their difference from their own background frames."""
     return [_compare(*each) for each in zip(pixels[:, None], frames, strict=True)]
