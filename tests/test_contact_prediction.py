@@ -12,8 +12,10 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
 
+import t2twin
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinWarning
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import lists, read_split
@@ -22,6 +24,7 @@ from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.estimate import (
+    DISAGREE_NOTE,
     EDGE_NOTE,
     EMPTY_NOTE,
     PNG_MM,
@@ -206,14 +209,32 @@ def test_the_command_writes_depth_and_contact_of_each_image(alone, images, tmp_p
     assert json.loads(Path("few/a-2.json").read_text())["image"] == "a.png"
 
 
-def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
+def test_counts_and_contact_that_disagree_are_noted(images, tmp_path, capsys) -> None:
+    """Of a run whose range contains no distance, in its estimate and in live lines."""
     frames, background = images
+    strict = shutil.copytree(HOME / "field", tmp_path / "strict")
+    content = json.loads((strict / CONFIG).read_text()) | {"agreement": {"counts_off_mm": [0, 0]}}
+    (strict / CONFIG).write_text(json.dumps(content))
+    usual, noted = (load(run).contact(frames[0], background) for run in ("field", strict))
+    assert usual.agrees and usual.notes == () and noted.notes == (DISAGREE_NOTE,)
+    with pytest.warns(T2TwinWarning, match=DISAGREE_NOTE):
+        load(strict).estimate(frames, background, contact=True)
     (tmp_path / "frames").mkdir()
     Image.fromarray(frames[0]).save(tmp_path / "frames/0.png")
     Image.fromarray(background).save(tmp_path / "background.png")
-    main(["live", "frames", "--frames", "1", "--background", "background.png", "--run", str(alone)])
-    line = json.loads(capsys.readouterr().out)
-    assert line["contact"] == load(alone).contact(frames[0], background).summary()
+    main(f"live frames --frames 1 --background background.png --run {strict}".split())
+    said = capsys.readouterr()
+    assert json.loads(said.out)["contact"] == noted.summary() and said.err.count(DISAGREE_NOTE) == 1
+
+
+def test_true_counts_carry_the_force_at_its_place() -> None:
+    """Some force is carried beyond the outermost places."""
+    dense = t2twin.press("hemisphere-4", x_mm=1.0, y_mm=-2.0, force_n=4.0)["cyskin-20"].dense_counts
+    outputs = {"dense_counts": np.tile(dense, (3, 1)), "force_n": np.array([4.0, 8.0, 4.0])}
+    outputs["center_mm"] = np.array([(1.0, -2.0), (4.0, -2.0), (np.nan, np.nan)])
+    off_mm, ratio = load("field").differences(outputs).values()
+    np.testing.assert_allclose(ratio, [1.0, 0.5, np.nan], rtol=0.03)
+    np.testing.assert_allclose(off_mm, [0.0, 3.0, np.nan], atol=0.3)
 
 
 def estimate_of(

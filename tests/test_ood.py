@@ -1,7 +1,6 @@
 """Pictures unlike those of the training are told."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,13 +37,6 @@ def test_distances_are_in_spreads_of_the_cells():
     assert known.distances(off)[0] == pytest.approx(40.5 / 10, rel=0.05)
     assert set(known.classify(pixels)) == {"in distribution"}
     assert known.classify(off) != ["in distribution"]
-
-
-def test_predict_warns_of_images_that_are_out_of_distribution(run):
-    trained, noise = load(run[1]), np.random.default_rng(0).integers(0, 256, (2, 320, 240, 3))
-    with pytest.warns(T2TwinWarning, match=r"2 of 2 images are unlike .* \(2 noise\)") as warned:
-        trained.predict(noise.astype(np.uint8))
-    assert len(warned) == 1 and Path(warned[0].filename) == Path(__file__)
 
 
 def test_how_a_picture_is_wrong_is_told():

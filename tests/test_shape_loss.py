@@ -118,18 +118,8 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
     assert set(losses[0.0]) == {"discriminator", "adversarial", "l1"}
 
 
-@pytest.mark.parametrize(
-    ("model", "direction", "weight", "said"),
-    [
-        ("resnet18", "image-to-counts", 1.0, "resnet18 image-to-counts run predicts no tactile"),
-        ("touch2touch", "counts-to-image", 1.0, "counts-to-image run predicts no tactile image"),
-        ("touch2touch", "image-to-counts", -1.0, "is -1; expected a number"),
-        ("touch2touch", "image-to-counts", float("nan"), "is nan; expected a finite"),
-    ],
-)
-def test_a_weight_that_cannot_be_used_is_one_sentence(
-    data_dir: Path, tmp_path: Path, model: str, direction: str, weight: float, said: str
-) -> None:
-    with pytest.raises(T2TwinError, match=said):
-        train(model, data_dir, "smoke", tmp_path, epochs=1, direction=direction, iou_weight=weight)
+def test_a_weight_is_for_tactile_images_alone(data_dir: Path, tmp_path: Path) -> None:
+    for model, direction in (("resnet18", "image-to-counts"), ("touch2touch", "counts-to-image")):
+        with pytest.raises(T2TwinError, match="run predicts no tactile image"):
+            train(model, data_dir, "smoke", tmp_path, direction=direction, iou_weight=1.0)
     assert not list(tmp_path.iterdir())

@@ -93,9 +93,8 @@ def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -
     """The figures of each split, the errors by force, and the further outputs. name: displayed name
     of a row or a split."""
     tables = [table for one in evaluations.values() for table in figures_tables(one, name)]
-    for one in evaluations.values():
-        if any(len(row.by_force) > 1 for row in one.models.values()):  # of several forces
-            tables.append(_force_table(one, name))
+    forces = ((one, [row.by_force for row in one.models.values()]) for one in evaluations.values())
+    tables += [_force_table(one, name) for one, bins in forces if any(len(n) > 1 for n in bins)]
     lines = []
     for split, one in evaluations.items():
         for run, row in one.runs.items():
