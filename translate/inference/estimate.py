@@ -28,7 +28,6 @@ from t2twin.translate.uncertainty.ood import OODClass
 # Depth of one level of the PNG file with 16 bits, mm, and the level of depth 0: the gel is raised
 # around a contact
 PNG_MM, PNG_ZERO = 1e-3, 1000
-EDGE_CELLS = 1  # Width of the edge of the view, cells of the network
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
 DISAGREE_NOTE = "counts and contact disagree in place or force; do not rely on either"
@@ -262,7 +261,7 @@ def contacts_of(
     """The estimates of B images. outputs: by name. sizes: rows and columns of the images."""
     maps = torch.from_numpy(np.stack([outputs[name] for name in MAPS], axis=1))
     outermost = maps[:, -1].clone()
-    outermost[:, EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS:-EDGE_CELLS] = 0.0
+    outermost[:, 1:-1, 1:-1] = 0.0  # the edge of the view is one cell wide
     at_edge = (outermost.amax(dim=(1, 2)) > EVEN).tolist()
     estimates = []
     for number, size in enumerate(sizes):

@@ -293,9 +293,8 @@ class TrainedTranslator:
             carried_n = carried_mpa.sum(axis=1) * array.dense_table.cell_mm2
         with np.errstate(divide="ignore", invalid="ignore"):
             of_counts = dense[:, seen] @ places[seen] / dense[:, seen].sum(axis=1, keepdims=True)
-            ratio = carried_n / outputs.get("force_n", np.nan)
+            ratio = carried_n / outputs.get("force_n", np.nan) + 0.0 * center[:, 0]
         off_mm = np.linalg.norm(of_counts - center, axis=1)
-        ratio = np.where(np.isfinite(center[:, 0]), ratio, np.nan)
         return dict(zip(DIFFERENCES, (off_mm, ratio), strict=True))
 
     def estimate_pixels(

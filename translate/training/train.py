@@ -80,7 +80,7 @@ GIVEN = {
     "number of epochs": "epochs", "number of steps": "steps", "limit in minutes": "minutes",
     "number of processes": "processes", "warm start": "init_from",
 }  # fmt: skip
-DIFFERING_SHARE = 0.02  # Share of the validation contacts beyond a range (assumed)
+DIFFERING_QUANTILES = (0.01, 0.99)  # Of validation contacts, the ends of a range (assumed)
 TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 warn_once = cache(warn)  # an adaptation finds its initial weights twice
 
@@ -572,11 +572,9 @@ def fit_agreement(run_dir: Path, *sets: Pairs) -> None:
     run, agreement = load_run(run_dir), {}
     found = [run.differences(run.outputs(pairs.inputs, contact=True)) for pairs in sets]
     for name in DIFFERENCES:
-        values = np.concatenate([each[name] for each in found])
-        values = values[np.isfinite(values)]
+        values = np.concatenate([each[name][np.isfinite(each[name])] for each in found])
         if values.size >= MIN_ERRORS:
-            shares = (DIFFERING_SHARE / 2, 1.0 - DIFFERING_SHARE / 2)
-            low, high = np.quantile(values, shares).tolist()
+            low, high = np.quantile(values, DIFFERING_QUANTILES).tolist()
             agreement[name] = (0.0 if name == DIFFERENCES[0] else low, high)
     structs.replace(run.config, agreement=agreement).save(run_dir)
 
