@@ -124,10 +124,7 @@ def follow(
                 throughput.latencies_ms.append(line["latency_ms"])
                 if values["in_distribution"] is False and not warned:
                     warned = True
-                    classes = [OODClass(values["ood_class"])]
-                    stored = run.stored(classes, background, [frame.image], order)
-                    for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
-                        report(said)
+                    _report_class(run, frame, values["ood_class"], background, order, report)
                 if agreed and contact is not None and not contact.agrees:
                     agreed = False
                     report(f"frame {frame.number}: {DISAGREE_NOTE}")
@@ -140,6 +137,17 @@ def follow(
     throughput.received = latest.read
     report(str(throughput))
     return throughput
+
+
+def _report_class(
+    run: TrainedTranslator, frame: Frame, ood_class: str, background: np.ndarray | None,
+    order: FrameOrder, report: Report,
+) -> None:  # fmt: skip
+    """Reports that a frame is out of distribution, and whether it is stored in another order."""
+    classes = [OODClass(ood_class)]
+    stored = run.stored(classes, background, [frame.image], order)
+    for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
+        report(said)
 
 
 def _predicted(
