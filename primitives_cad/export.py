@@ -94,7 +94,7 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
             "family": catalogue.family(name),
             "version": catalogue.version(name),
             "split": catalogue.split(name),
-            "parameters_mm": shape.parameters,
+            "parameters_mm": dict(shape.parameters),
             "spacing_mm": shape.spacing_mm,
         }
     bodies = solid.Solids()
