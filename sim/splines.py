@@ -1,4 +1,4 @@
-"""Bicubic splines from one grid to another, as products of cached sparse matrices.
+"""Bicubic splines from one grid to another, as products of cached banded matrices.
 
 They are not-a-knot splines (de Boor, A Practical Guide to Splines, 1978).
 """
@@ -6,9 +6,9 @@ They are not-a-knot splines (de Boor, A Practical Guide to Splines, 1978).
 from functools import lru_cache
 
 import numpy as np
-from scipy import sparse
 
 from t2twin.core.cache_dir import cached_array, short_digest
+from t2twin.core.jit import compiled
 
 DEGREE = 3
 
@@ -25,16 +25,30 @@ def on_lines(
     All axes rise. Outside the values the spline is constant.
     """
     to_coefficients, to_lines = _axis(y.tobytes(), lines_y.tobytes())
-    along = _axis(x.tobytes(), lines_x.tobytes())
-    spread = np.ascontiguousarray((to_coefficients @ values.astype(np.float32)).T)
-    for matrix in along:
-        spread = matrix @ spread
+    spread = _product(*to_coefficients, values.astype(np.float32)).T
+    for matrix in _axis(x.tobytes(), lines_x.tobytes()):
+        spread = _product(*matrix, np.ascontiguousarray(spread))
     # y comes last, so that the largest array is written once and in its final order
-    return to_lines @ np.ascontiguousarray(spread.T)
+    return _product(*to_lines, np.ascontiguousarray(spread.T))
+
+
+@compiled(nogil=True)
+def _product(first, weights, values):
+    """The product of a matrix of `_banded` and values, (n, k) float32."""
+    found = np.empty((first.size, values.shape[1]), np.float32)
+    for i in range(first.size):
+        row = found[i]
+        for j in range(row.size):
+            row[j] = weights[i, 0] * values[first[i], j]
+        for n in range(1, weights.shape[1]):
+            weight, others = weights[i, n], values[first[i] + n]
+            for j in range(row.size):
+                row[j] += weight * others[j]
+    return found
 
 
 @lru_cache(maxsize=32)
-def _axis(places: bytes, lines: bytes) -> tuple[sparse.csr_array, sparse.csr_array]:
+def _axis(places: bytes, lines: bytes) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """The matrices from values at places to B-spline coefficients, and from these to lines.
 
     places, lines: float64. The grids repeat from press to press, so the last matrices are cached.
@@ -59,11 +73,12 @@ def _design_matrix(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     return cached_array("splines", short_digest(x.tobytes() + knots.tobytes()), __file__, compute)
 
 
-def _banded(matrix: np.ndarray) -> sparse.csr_array:
-    """A matrix, (m, n), without the elements below MIN_WEIGHT at the ends of its rows."""
-    large, columns = np.abs(matrix) > MIN_WEIGHT, np.arange(matrix.shape[1])
+def _banded(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first columns, (m,), and the elements, (m, width), of a matrix, (m, n), without those
+    below MIN_WEIGHT at the ends of its rows."""
+    large = np.abs(matrix) > MIN_WEIGHT
     first = large.argmax(axis=1)
-    width = int((columns.size - large[:, ::-1].argmax(axis=1) - first).max())
-    first = np.minimum(first, columns.size - width)[:, None]
-    inside = (columns >= first) & (columns < first + width)
-    return sparse.csr_array(np.where(inside, matrix, 0.0), dtype=np.float32)
+    width = int((large.shape[1] - large[:, ::-1].argmax(axis=1) - first).max())
+    first = np.minimum(first, large.shape[1] - width)
+    inside = np.take_along_axis(matrix, first[:, None] + np.arange(width), axis=1)
+    return first, inside.astype(np.float32)

@@ -28,7 +28,7 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.heights import heights_at, is_cut, place_of_top
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import borrowed_pins
-from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayout, Pins, Survey
+from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.solver_loops import (
     FAR_MM,
     iterate,
@@ -459,26 +459,19 @@ def _bottomed(found: Equilibrium) -> bool:
     pins, surveys = found.pins, found.layout.surveys
     if all(survey.shape.base_mm is None for survey in surveys):
         return False
+    layer, (rows, columns) = pins.layer, pins.window
     for survey, heights_mm, fine_mpa in zip(
         surveys, pins.heights_mm, found.body_fine_mpa, strict=True
     ):
-        limit = _base_limit_mm(survey, pins)
-        if (heights_mm[fine_mpa > 0] <= np.broadcast_to(limit, fine_mpa.shape)[fine_mpa > 0]).any():
+        command, (along_x, along_y) = survey.command, survey.shape.base_slope
+        limit_mm = -np.inf if survey.shape.base_mm is None else survey.shape.base_mm
+        limit_mm += BASE_TOLERANCE_MM
+        if (along_x, along_y) != (0.0, 0.0):
+            # A tilted plate's height differs by its slope within a partly covered cell.
+            x, y = layer.x_mm[columns] - command.x_mm, layer.y_mm[rows, None] - command.y_mm
+            cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+            plane = along_x * (cos * x + sin * y) + along_y * (sin * x - cos * y)
+            limit_mm = limit_mm + plane + layer.pitch_mm * float(np.hypot(along_x, along_y))
+        if ((heights_mm <= limit_mm) & (fine_mpa > 0)).any():
             return True
     return False
-
-
-def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:
-    """Largest height of a base plate, mm, on the pins' fine cells; -inf without one."""
-    base_mm, (along_x, along_y) = survey.shape.base_mm, survey.shape.base_slope
-    if base_mm is None:
-        return -np.inf
-    limit = base_mm + BASE_TOLERANCE_MM
-    if along_x == 0.0 == along_y:
-        return limit
-    # A tilted one is a plane, whose height differs by its slope within a partly covered cell.
-    command, layer, (rows, columns) = survey.command, pins.layer, pins.window
-    x, y = layer.x_mm[columns] - command.x_mm, layer.y_mm[rows, None] - command.y_mm
-    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
-    plane = along_x * (cos * x + sin * y) + along_y * (sin * x - cos * y)
-    return limit + plane + layer.pitch_mm * float(np.hypot(along_x, along_y))

@@ -15,7 +15,7 @@ CENTER_WEIGHTS = np.array([[3, 13, -5, 1], [-1, 7, 7, -1], [1, -5, 13, 3]]) / 12
 
 def window_around(mask: np.ndarray) -> Window:
     """The window that contains a mask, (rows, columns) bool, within its grid."""
-    top, bottom, left, right = _extent(mask)
+    top, bottom, left, right = extent(mask)
     return side_around(top, bottom, mask.shape[0]), side_around(left, right, mask.shape[1])
 
 
@@ -110,14 +110,18 @@ def _without_curvature(means, centers):
 
 
 @compiled(nogil=True)
-def _extent(mask):
-    """First and last row, first and last column of a mask."""
+def extent(mask):
+    """First and last row, first and last column of a mask; the last ones are -1 without any."""
     top, bottom, left, right = mask.shape[0], -1, mask.shape[1], -1
     for i in range(mask.shape[0]):
-        for j in range(mask.shape[1]):
-            if mask[i, j]:
-                top, bottom = min(top, i), i
-                left, right = min(left, j), max(right, j)
+        row, some = mask[i], False
+        for j in range(row.size):
+            some |= row[j]
+        if some:
+            top, bottom = min(top, i), i
+            for j in range(row.size):
+                if row[j]:
+                    left, right = min(left, j), max(right, j)
     return top, bottom, left, right
 
 

@@ -258,7 +258,7 @@ def _sample_cells(heights, place, cell, count, places, at, samples, lines, mean,
 
 @compiled(nogil=True, **INNER)
 def _corner_heights(
-    heights, place, x_mm, y_mm, shifted, shift, i, first, last, columns, rows, found, corners
+    heights, place, x_mm, y_mm, shifted, shift, i, first, last, columns, rows, corners
 ):
     """Write the heights at the corners between the rows i - 1 and i of cells, (nx + 1,)."""
     half = 0.5 * (x_mm[1] - x_mm[0])
@@ -274,9 +274,7 @@ def _corner_heights(
                     at_x += 0.25 * shift[0, k, m]
                     at_y += 0.25 * shift[1, k, m]
         columns[j - first], rows[j - first] = column_and_row(place, at_x, at_y)
-    heights_along(heights, columns, rows, last - first, found)
-    for j in range(first, last):
-        corners[j] = found[j - first]
+    heights_along(heights, columns, rows, last - first, corners[first:])
 
 
 @compiled(nogil=True, **INNER)
@@ -286,18 +284,18 @@ def _chosen_cells(heights, place, x_mm, y_mm, shifted, shift, included, i, chose
     reach = (x_mm[1] - x_mm[0]) * np.hypot(place[4], place[5])
     max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
     down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
-    count = 0
-    for j in range(x_mm.size):
-        if not included[i // down, j // across]:
+    count, within = 0, included[i // down]
+    for block in range(within.size):
+        if not within[block]:
             continue
-        x, y = x_mm[j], y_mm[i]
-        if shifted:
-            x, y = x + shift[0, i, j], y + shift[1, i, j]
-        column, row = column_and_row(place, x, y)
-        if not (-reach < column < max_column and -reach < row < max_row):
-            continue
-        chosen[count], columns[count], rows[count] = j, column, row
-        count += 1
+        for j in range(block * across, (block + 1) * across):
+            x, y = x_mm[j], y_mm[i]
+            if shifted:
+                x, y = x + shift[0, i, j], y + shift[1, i, j]
+            column, row = column_and_row(place, x, y)
+            if -reach < column < max_column and -reach < row < max_row:
+                chosen[count], columns[count], rows[count] = j, column, row
+                count += 1
     return count
 
 
@@ -328,7 +326,7 @@ def _footprint(
         for side in range(1 if known else 0, 2):
             _corner_heights(
                 heights, place, x_mm, y_mm, shifted, shift, i + side, first, last, along, below,
-                found, lower if side else upper,
+                lower if side else upper,
             )  # fmt: skip
         heights_along(heights, columns, rows, count, found)
         for n in range(count):

@@ -158,11 +158,9 @@ class Layer:
         kernel, columns = self._kernel.of(shape)[0], padded_shape(shape)[1]
         half, node_half = columns // 2 + 1, node_columns // 2 + 1
         work = (
-            np.empty((shape[0], half), np.complex64),
             np.empty((kernel.shape[0], half), np.complex64),
             np.empty((shape[0], columns), np.float32),
             np.zeros((weights.shape[1], node_columns), np.float32),
-            np.empty((weights.shape[1], node_half), np.complex64),
             np.empty((smooth.shape[1], node_half), np.complex64),
             np.empty((smooth.shape[1], node_half), np.complex64),
             np.empty(weights.shape[1:], np.float32),
@@ -319,7 +317,6 @@ def shear_work(shape: tuple[int, ...], loads: int) -> tuple[np.ndarray, ...]:
     half = across // 2 + 1
     return (
         np.zeros((rows, across), np.float32),
-        np.empty((rows, half), np.complex64),
         np.empty((loads, down, half), np.complex64),
         np.empty((down, half), np.complex64),
         np.empty((rows, across), np.float32),
@@ -354,13 +351,12 @@ def convolve(
     columns A. smooth, node_columns: the same of the further kernels on the nodes. weights:
     (kernels, M, N) of these. first, taps: see `interpolation`. work: see `Layer.operator`.
     """
-    rows, spectrum, back, node_pressure, node_rows, node_spectrum, part, nodes, lines = work
-    r2c(pressure, rows, ALONG, True, 1.0, 1)
-    c2c(rows, spectrum, DOWN, True, 1.0, 1)
+    spectrum, back, node_pressure, node_spectrum, part, nodes, lines = work
+    _forward(pressure, spectrum)
     _multiply(spectrum, kernel, spectrum)
     c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
     scale = 1.0 / (spectrum.shape[0] * columns)
-    c2r(spectrum[: rows.shape[0]], back, ALONG, False, scale, 1)
+    c2r(spectrum[: back.shape[0]], back, ALONG, False, scale, 1)
     # Element by element: assigning an array compiles its error messages too, for seconds.
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
@@ -368,13 +364,12 @@ def convolve(
     if smooth.shape[0] == 0:
         return
     _to_nodes(pressure, first, taps, lines, node_pressure)
-    r2c(node_pressure, node_rows, ALONG, True, 1.0, 1)
-    c2c(node_rows, node_spectrum, DOWN, True, 1.0, 1)
+    _forward(node_pressure, node_spectrum)
     scale = 1.0 / (node_spectrum.shape[0] * node_columns)
     for k in range(smooth.shape[0]):
         _multiply(node_spectrum, smooth[k], part)
         c2c(part, part, DOWN, False, 1.0, 1)
-        c2r(part[: node_rows.shape[0]], node_pressure, ALONG, False, scale, 1)
+        c2r(part[: node_pressure.shape[0]], node_pressure, ALONG, False, scale, 1)
         for i in range(nodes.shape[0]):
             for j in range(nodes.shape[1]):
                 before = nodes[i, j] if k > 0 else np.float32(0.0)
@@ -388,11 +383,22 @@ def _transform(values, spectra):
     r2c(values, spectra, BOTH, True, 1.0, 1)
 
 
+@compiled(nogil=True, **INNER)
+def _forward(values, spectrum):
+    """Write the transform of values, (R, A), followed by rows of zeros."""
+    r2c(values, spectrum[: values.shape[0]], ALONG, True, 1.0, 1)
+    for i in range(values.shape[0], spectrum.shape[0]):
+        for j in range(spectrum.shape[1]):
+            spectrum[i, j] = 0.0
+    c2c(spectrum, spectrum, DOWN, True, 1.0, 1)
+
+
 @compiled(nogil=True)
 def _multiply(spectrum, kernel, product):
     for i in range(spectrum.shape[0]):
         for j in range(spectrum.shape[1]):
-            product[i, j] = spectrum[i, j] * kernel[i, j]
+            value, factor = spectrum[i, j], kernel[i, j]
+            product[i, j] = complex(value.real * factor, value.imag * factor)
 
 
 @compiled(nogil=True)
@@ -451,14 +457,13 @@ def respond(loads, kernels, work, is_known, response):
     kernels: the layer's transforms. is_known: whether the work arrays have the transforms of
     these loads.
     """
-    lines, rows, spectra, spectrum, back = work
+    lines, spectra, spectrum, back = work
     if not is_known:
         for k in range(loads.shape[0]):
             for i in range(loads.shape[1]):
                 for j in range(loads.shape[2]):
                     lines[i, j] = loads[k, i, j]
-            r2c(lines, rows, ALONG, True, 1.0, 1)
-            c2c(rows, spectra[k], DOWN, True, 1.0, 1)
+            _forward(lines, spectra[k])
     scale = 1.0 / (spectrum.shape[0] * lines.shape[1])
     for k in range(response.shape[0]):
         if loads.shape[0] == 1:
@@ -467,7 +472,7 @@ def respond(loads, kernels, work, is_known, response):
             first, second = kernels[(0, 1, 3)[k]], kernels[(1, 2, 4)[k]]
             _by_shear(first, second, spectra, k == 2, spectrum)
         c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
-        c2r(spectrum[: rows.shape[0]], back, ALONG, False, scale, 1)
+        c2r(spectrum[: back.shape[0]], back, ALONG, False, scale, 1)
         for i in range(response.shape[1]):
             for j in range(response.shape[2]):
                 response[k, i, j] = back[i, j]
@@ -478,8 +483,9 @@ def _by_shear(first, second, traction, into, response):
     """Write the transform of a component of the response to a traction; into: of odd kernels."""
     for i in range(first.shape[0]):
         for j in range(first.shape[1]):
-            value = first[i, j] * traction[0, i, j] + second[i, j] * traction[1, i, j]
-            response[i, j] = complex(-value.imag, value.real) if into else value
+            a, b, x, y = first[i, j], second[i, j], traction[0, i, j], traction[1, i, j]
+            real, imag = a * x.real + b * y.real, a * x.imag + b * y.imag
+            response[i, j] = complex(-imag, real) if into else complex(real, imag)
 
 
 @compiled(nogil=True, **INNER)
@@ -487,5 +493,5 @@ def _by_pressure(kernel, pressure, response):
     """Write the transform of the displacement by a pressure; see `_by_shear` (reciprocity)."""
     for i in range(kernel.shape[0]):
         for j in range(kernel.shape[1]):
-            value = kernel[i, j] * pressure[i, j]
-            response[i, j] = complex(value.imag, -value.real)
+            factor, value = kernel[i, j], pressure[i, j]
+            response[i, j] = complex(factor * value.imag, -(factor * value.real))

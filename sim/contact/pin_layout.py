@@ -190,16 +190,11 @@ class Pins:
         """Area of a fine cell, mm2."""
         return self.layer.pitch_mm**2
 
-    @property
-    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """rows, columns, sides."""
-        return self.rows, self.columns, self.sides
-
     @cached_property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Arguments of the compiled loops, (n,) each; see `solver_loops.iterate`."""
         of_pins = self.gap_mm, self.covered, self.edge_mm_per_mpa, self.thickness_mm
-        return self.bodies, *self.blocks, *of_pins
+        return self.bodies, self.rows, self.columns, self.sides, *of_pins
 
     @cached_property
     def parts(self) -> list[slice]:
@@ -210,7 +205,7 @@ class Pins:
     def spread(self, pressure: np.ndarray) -> np.ndarray:
         """Mean pressure on each fine cell, (rows, columns), of pressures on the pins, (n,)."""
         fine = np.zeros(self.cover.shape[1:], np.float32)
-        spread(np.asarray(pressure, float), self.bodies, *self.blocks, self.cover, fine)
+        spread(np.asarray(pressure, float), *self.arrays[:4], self.cover, fine)
         return fine.astype(float)
 
     def spread_each(self, pressure: np.ndarray) -> np.ndarray:
@@ -224,20 +219,20 @@ class Pins:
 
     def gather(self, pressure_mpa: np.ndarray, per_cell: int, first: np.ndarray) -> np.ndarray:
         """(n,) pressures with the forces of each body's mean pressures on larger cells."""
-        pressure, of_pins = np.empty(self.rows.size), (self.bodies, *self.blocks, self.covered)
+        pressure, of_pins = np.empty(self.rows.size), (*self.arrays[:4], self.covered)
         _gather(pressure_mpa, per_cell, first, *of_pins, pressure)
         return pressure
 
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
         found, near = np.zeros(chosen.size, bool), np.zeros(self.cover.shape[1:], bool)
-        _with_neighbors(*self.blocks, chosen, near, found)
+        _with_neighbors(*self.arrays[1:4], chosen, near, found)
         return found
 
     def window_of(self, chosen: np.ndarray) -> Window:
         """The window of fine cells that contains the chosen pins, of one of few sizes."""
         down, across = self.cover.shape[1:]
-        top, bottom, left, right = _extent(*self.blocks, chosen)
+        top, bottom, left, right = _extent(*self.arrays[1:4], chosen)
         return side_around(top, bottom, down), side_around(left, right, across)
 
     def springs(self, active: np.ndarray) -> np.ndarray:
@@ -450,8 +445,9 @@ def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pres
         body, total = bodies[n], 0.0
         top, left = rows[n] - first[body, 0], columns[n] - first[body, 1]
         for i in range(max(top, 0), min(top + sides[n], down)):
+            row = coarse[body, i // per_cell]
             for j in range(max(left, 0), min(left + sides[n], across)):
-                total += coarse[body, i // per_cell, j // per_cell]
+                total += row[j // per_cell]
         pressure[n] = total / covered[n]
 
 

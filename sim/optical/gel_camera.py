@@ -317,10 +317,10 @@ class GelCamera:
     def image(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
         """(rows, columns, 3) uint8: the image of a contact, of None the background frame. rng: of
         the camera noise; None for none."""
-        surface, shift = self._flat, None
-        if contact is not None:
-            surface = surface_on(contact, *optical_grid(self.elastomer))
-            shift = None if self.markers is None else surface_shift(contact)
+        if contact is None:
+            return self.image_renderer.render(self._flat, rng, self.noise_grey)
+        surface = surface_on(contact, *optical_grid(self.elastomer))
+        shift = None if self.markers is None else surface_shift(contact)
         return self.image_renderer.render(surface, rng, self.noise_grey, shift)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:

@@ -26,6 +26,7 @@ import numpy as np
 from t2twin.core.arrays import Record
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.grid import block_means, extent
 from t2twin.sim.optical.camera import Camera, optical_grid
 from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
 
@@ -63,6 +64,7 @@ FIRST_STOPS = np.searchsorted(RAY_STOPS_MM, np.arange(100.0))
 """Index of the first of RAY_STOPS_MM at or after each whole millimeter."""
 
 _ZERO, _ONE, _TWO, _SIX = (np.float32(n) for n in (0.0, 1.0, 2.0, 6.0))
+_STEP, _STEPS, _RIM = np.uint32(1), np.uint32(2), np.int32(1)
 _BIAS, _FAR_ABOVE = np.float32(SHADOW_BIAS_MM), np.float32(1e9)
 
 Region = tuple[int, int, int, int]  # first row, end row, first column, end column
@@ -91,8 +93,10 @@ class Rays:
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
         self.rest_mm = camera.rest_mm(gel, *np.meshgrid(self.x_mm, self.y_mm)).astype(np.float32)
         self._highest_mm = max(0.0, float(self.rest_mm.max()))
-        self._across = _sample_slopes(camera.columns, camera.middle[1], camera.focal_px)
-        self._down = _sample_slopes(camera.rows, camera.middle[0], camera.focal_px)
+        self._down, self._across = (  # slopes of the rays of the lattice of samples
+            ((2.0 * np.arange(-(-count // 2) + 2) - 1.5 - middle) / camera.focal_px).astype("f4")
+            for count, middle in zip((camera.rows, camera.columns), camera.middle, strict=True)
+        )
         self._frame = tuple(
             np.float32(at) for at in (camera.distance_mm, self.x_mm[0], self.y_mm[0], self.pitch_mm)
         )
@@ -101,8 +105,9 @@ class Rays:
         # of the grid, that the image can contain, for any height of the gel
         self._window = _bounds(seen[1][:, None] & seen[0])
         self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
-        flat = np.zeros((self._down.size, self._across.size), dtype=np.float32)
-        self._rest_depth_mm = self._intersected(self.rest_mm, self.everywhere, REST_STEPS, flat)
+        self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
+        alone = self._full_sight(NO_LEDS), NO_LEDS, self.everywhere
+        self._follow(self.rest_mm, *alone, REST_STEPS, self._rest_depth_mm)
         reach = camera.distance_mm + self._rest_depth_mm
         self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
         """x and y, (S) each, where the rays meet the gel at rest."""
@@ -125,8 +130,7 @@ class Rays:
         """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (LEDs, S) float32 each, in a
         region of S, default everywhere. coated_mm: from coated."""
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, leds)
-        return self._follow(z, sight, shadowed, leds, samples or self.everywhere)
+        return self._follow(z, self._sight(coated_mm, z, leds), leds, samples or self.everywhere)
 
     def incidence_where_changed(
         self, coated_mm: np.ndarray, leds: Leds
@@ -137,52 +141,41 @@ class Rays:
         if deflected == NOWHERE:
             return nothing, nothing, NOWHERE, NOWHERE
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, leds)
-        for top, bottom, left, right in shadowed.tolist():
-            if top < bottom and left < right:
-                deflected = (
-                    min(deflected[0], top), max(deflected[1], bottom),
-                    min(deflected[2], left), max(deflected[3], right),
-                )  # fmt: skip
-        grown, seen = np.add(deflected, 2 * GROWN).tolist(), self._window
-        region = (
-            max(grown[0], seen[0]), min(grown[1], seen[1]),
-            max(grown[2], seen[2]), min(grown[3], seen[3]),
-        )  # fmt: skip
+        sights = self._sight(coated_mm, z, leds)
+        changed = [deflected, *(each for each in sights[1].tolist() if each[0] < each[1])]
+        tops, bottoms, lefts, rights = zip(*changed, strict=True)
+        seen = self._window
+        region = (max(min(tops) - 2, seen[0]), min(max(bottoms) + 2, seen[1]),
+                  max(min(lefts) - 2, seen[2]), min(max(rights) + 2, seen[3]))  # fmt: skip
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
         samples = (pixels[0] // 2, (pixels[1] + 1) // 2 + 2, pixels[2] // 2,
                    (pixels[3] + 1) // 2 + 2)  # fmt: skip
-        return *self._follow(z, sight, shadowed, leds, samples), samples, pixels
+        return *self._follow(z, sights, leds, samples), samples, pixels
 
     def normals(self, coated_mm: np.ndarray, samples: Region | None = None) -> np.ndarray:
         """(2, S) float32 x and y of the gel's unit normals towards the camera; see incidence."""
         z, region = self.rest_mm - coated_mm, samples or self.everywhere
-        depth = self._intersected(z, region, DEFORMED_STEPS, self._rest_depth_mm.copy())
+        depth = self._rest_depth_mm.copy()
+        self._follow(z, self._full_sight(NO_LEDS), NO_LEDS, region, DEFORMED_STEPS, depth)
         normals = np.empty((2, *depth.shape), dtype=np.float32)
         fill_normals(z, depth, self._across, self._down, *self._frame, region, normals)
         return normals
 
-    def _intersected(
-        self, z: np.ndarray, samples: Region, steps: int, depth: np.ndarray
-    ) -> np.ndarray:
-        """depth (S), with the heights where the rays meet a surface filled into a region."""
-        self._follow(z, *self._full_sight(NO_LEDS), NO_LEDS, samples, steps, depth)
-        return depth
-
     def _follow(
-        self, z: np.ndarray, sight: np.ndarray, shadowed: np.ndarray, leds: Leds, samples: Region,
+        self, z: np.ndarray, sights: tuple[np.ndarray, np.ndarray], leds: Leds, samples: Region,
         steps: int = DEFORMED_STEPS, depth: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Cosine and weight (LEDs, S) in a region; depth is filled as `incidence` fills it."""
         depth = self._rest_depth_mm.copy() if depth is None else depth
         cosine = np.empty((len(leds.places_mm), *depth.shape), dtype=np.float32)
-        weight, lines = np.empty_like(cosine), np.zeros((6, depth.shape[1]), np.float32)
+        weight, lines = np.empty_like(cosine), np.zeros((8, depth.shape[1]), np.float32)
         incidence(
-            z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
+            z, sights[0], SHADOW_STRIDE, sights[1] + SHADOW_STRIDE * GROWN,
             leds.places_mm.astype(np.float32), np.float32(REACH_MM), self._across, self._down,
-            *self._frame, samples, steps, lines, depth, cosine, weight,
+            *self._frame, samples, steps, np.empty(depth.shape[1], np.uint32), lines, depth, cosine,
+            weight,
         )  # fmt: skip
         return cosine, weight
 
@@ -200,12 +193,8 @@ class Rays:
         casting = _bounds(coated_mm > MIN_CASTER_MM) if self._shadows else NOWHERE
         if casting == NOWHERE:
             return hard, shadowed
-        # means over the blocks of the shadow grid
         rows, columns = (SHADOW_STRIDE * count for count in self._coarse_shape)
-        sums = np.zeros(self._coarse_shape)  # (np.mean of the parts copies them first)
-        for i, j in np.ndindex(SHADOW_STRIDE, SHADOW_STRIDE):
-            sums += z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE]
-        heights = (sums / SHADOW_STRIDE**2).astype(np.float32)
+        heights = block_means(z[:rows, :columns].astype(float), SHADOW_STRIDE).astype(np.float32)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
         led_visibility(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
@@ -232,30 +221,16 @@ class Rays:
             (self.y_mm, region[0], region[1] - 1, camera.middle[0], camera.rows),
             (self.x_mm, region[2], region[3] - 1, camera.middle[1], camera.columns),
         ):
-            places = [
-                float(axis[end]) * scale + middle for end in (first, last) for scale in per_mm
-            ]
-            edges += [
-                min(max(floor(min(places)) - 1, 0), count),
-                min(max(ceil(max(places)) + 2, 0), count),
-            ]
+            places = [float(axis[end]) * per + middle for end in (first, last) for per in per_mm]
+            low, high = floor(min(places)) - 1, ceil(max(places)) + 2
+            edges += [min(max(low, 0), count), min(max(high, 0), count)]
         return edges[0], edges[1], edges[2], edges[3]
-
-
-def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
-    """(-(-count // 2) + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
-    places = 2.0 * np.arange(-(-count // 2) + 2) - 1.5 - middle
-    return (places / focal_px).astype(np.float32)
 
 
 def _bounds(mask: np.ndarray) -> Region:
     """The smallest region that contains a mask (rows, columns)."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not rows.size:
-        return NOWHERE
-    top, bottom = int(rows[0]), int(rows[-1]) + 1
-    columns = np.flatnonzero(mask[top:bottom].any(axis=0))
-    return top, bottom, int(columns[0]), int(columns[-1]) + 1
+    top, bottom, left, right = extent(mask)
+    return (top, bottom + 1, left, right + 1) if bottom >= 0 else NOWHERE
 
 
 def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
@@ -269,38 +244,34 @@ def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
 
 def smoothed(surface: np.ndarray) -> np.ndarray:
     """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
-    across, out = np.zeros(surface.shape, np.float32), np.zeros(surface.shape, np.float32)
+    across, out = np.empty((2, *surface.shape), np.float32)
     _smooth(surface, np.empty(surface.shape[1] + COATING_TAPS.size - 1, np.float32), across, out)
     return out
 
 
 @jit_finite
 def _smooth(surface, padded, across, out):
-    """Write `smoothed` to out; out and across are zero before."""
     ny, nx = surface.shape
-    taps, reach = COATING_TAPS.size, COATING_TAPS.size // 2
+    reach, (t0, t1, t2, t3, t4) = COATING_TAPS.size // 2, COATING_TAPS
     for i in range(ny):
-        row = surface[i]
-        for j in range(padded.size):
-            padded[j] = row[min(max(j - reach, 0), nx - 1)]
-        row = across[i]
-        for k in range(taps):
-            tap, shifted = COATING_TAPS[k], padded[k : k + nx]
-            for j in range(nx):
-                row[j] += tap * shifted[j]
+        row, smooth, p = surface[i], across[i], padded
+        for j in range(nx):
+            p[j + reach] = row[j]
+        for j in range(reach):
+            p[j], p[reach + nx + j] = row[0], row[nx - 1]
+        for j in range(nx):
+            smooth[j] = t0 * p[j] + t1 * p[j + 1] + t2 * p[j + 2] + t3 * p[j + 3] + t4 * p[j + 4]
     for i in range(ny):
-        row = out[i]
-        for k in range(taps):
-            tap, shifted = COATING_TAPS[k], across[min(max(i + k - reach, 0), ny - 1)]
-            for j in range(nx):
-                row[j] += tap * shifted[j]
-    return out
+        smooth, a, b, c = out[i], across[max(i - 2, 0)], across[max(i - 1, 0)], across[i]
+        d, e = across[min(i + 1, ny - 1)], across[min(i + 2, ny - 1)]
+        for j in range(nx):
+            smooth[j] = t0 * a[j] + t1 * b[j] + t2 * c[j] + t3 * d[j] + t4 * e[j]
 
 
 @jit_finite
 def incidence(
     z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
-    steps, lines, depth, cosine, weight,
+    steps, cells, lines, depth, cosine, weight,
 ):  # fmt: skip
     """Fill a region of depth (S), cosine m_k and weight V_k m_k (REACH / d_k)^2 (LEDs, S) where the
     rays meet the gel.
@@ -308,27 +279,43 @@ def incidence(
     z: heights (G). sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
     region of G, shadowed (LEDs, 4). leds: (LEDs, 3). depth: initially z of the gel at rest. across,
     down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0: center of G's
-    first cell. A ray starts from the displacement in the row above. lines: (6, columns of S) zeros.
+    first cell. A ray starts from the displacement in the row above. cells: (columns of S) uint32;
+    lines: (8, columns of S) zeros.
     """
-    # each row in two passes: the surface, with scattered reads, then the LEDs, vectorized
-    per_mm = _ONE / pitch
+    # each row in passes, which are either vectorized or read at scattered places
+    per_mm, reach2 = _ONE / pitch, reach_mm * reach_mm
     per_slope = per_mm / _TWO
-    reach2 = reach_mm * reach_mm
     first, end = region[2], region[3]
     across = across[first:end]
     slope_x, slope_y, part, moved = lines[0], lines[1], lines[2], lines[3]
-    rows, columns = lines[4], lines[5]
+    rows, columns, u, v, found, start = lines[4], lines[5], lines[6], lines[7], slope_x, slope_y
     shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
+    points, width = z.ravel(), np.uint32(z.shape[1])
+    last_i, last_j = np.int32(z.shape[0] - 3), np.int32(z.shape[1] - 3)
     for row in range(region[0], region[1]):
         heights = depth[row, first:end]
         for n in range(across.size):
-            height, fi, fj, i, j = _intersection(
-                z, across[n], down[row], heights[n] + moved[n], distance, x0, y0, per_mm, steps
-            )
-            moved[n] = height - heights[n]
-            heights[n] = height
-            slope_x[n], slope_y[n] = slopes(z, fi, fj, i, j, per_slope)
-            rows[n], columns[n] = fi, fj
+            start[n] = heights[n] + moved[n]
+        for _ in range(steps + 1):
+            for n in range(across.size):
+                reached = distance + start[n]
+                rows[n] = (down[row] * reached - y0) * per_mm
+                columns[n] = (across[n] * reached - x0) * per_mm
+                cells[n], u[n], v[n] = _cell(rows[n], columns[n], last_i, last_j, width)
+            missed = 0
+            for n in range(across.size):
+                found[n] = _between(points, width, cells[n], u[n], v[n])
+                missed += not abs(found[n] - start[n]) < RAY_TOLERANCE_MM
+            if missed == 0:
+                break
+            for n in range(across.size):  # places that are found stay
+                is_found = abs(found[n] - start[n]) < RAY_TOLERANCE_MM
+                start[n] = start[n] if is_found else found[n]
+        for n in range(across.size):
+            moved[n] = found[n] - heights[n]
+            heights[n] = found[n]
+        for n in range(across.size):
+            slope_x[n], slope_y[n] = slopes(points, width, cells[n], u[n], v[n], per_slope)
         for k in range(leds.shape[0]):
             top, bottom = shadowed[k, 0], shadowed[k, 1]
             left, right = shadowed[k, 2], shadowed[k, 3]
@@ -345,37 +332,37 @@ def incidence(
 
 
 @inlined
-def _intersection(z, across, down, height, distance, x0, y0, per_mm, steps):
-    """Intersection of a ray and the surface: z, fractional row and column in G, and their cell."""
-    last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
-    step = 0
-    while True:
-        x, y = across * (distance + height), down * (distance + height)
-        fi, fj = (y - y0) * per_mm, (x - x0) * per_mm
-        i, j = min(max(int(fi), 1), last_i), min(max(int(fj), 1), last_j)
-        u, v = fi - np.float32(i), fj - np.float32(j)
-        before = height
-        height = bilinear(z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1], u, v)
-        if abs(height - before) < RAY_TOLERANCE_MM or step == steps:
-            break
-        step += 1
-    return height, fi, fj, i, j
+def _cell(row, column, last_i, last_j, width):
+    """The cell of a raveled grid at a place, in cells, but within the rim, last_i and last_j, and
+    the place in it. Unsigned indices save checks."""
+    i, j = min(max(np.int32(row), _RIM), last_i), min(max(np.int32(column), _RIM), last_j)
+    cell = np.uint32(np.uint32(i) * width + np.uint32(j))
+    return cell, row - np.float32(i), column - np.float32(j)
 
 
 @inlined
-def slopes(z, fi, fj, i, j, per_slope):
-    """dz/dx and dz/dy: central differences at the corners of cell (i, j), interpolated."""
-    u, v = fi - np.float32(i), fj - np.float32(j)
+def _between(points, width, cell, u, v):
+    """A grid, raveled, interpolated in a cell."""
+    below = cell + width
+    return bilinear(points[cell], points[cell + _STEP], points[below], points[below + _STEP], u, v)
+
+
+@inlined
+def slopes(points, width, cell, u, v, per_slope):
+    """dz/dx and dz/dy: central differences at the corners of a cell, interpolated."""
     p, q = _ONE - u, _ONE - v
+    above, below, last = cell - width, cell + width, cell + width + width
+    here, right, under = points[cell], points[cell + _STEP], points[below]
+    opposite = points[below + _STEP]
     along_x = per_slope * (
-        p * (q * (z[i, j + 1] - z[i, j - 1]) + v * (z[i, j + 2] - z[i, j]))
-        + u * q * (z[i + 1, j + 1] - z[i + 1, j - 1])
-        + u * v * (z[i + 1, j + 2] - z[i + 1, j])
+        p * (q * (right - points[cell - _STEP]) + v * (points[cell + _STEPS] - here))
+        + u * q * (opposite - points[below - _STEP])
+        + u * v * (points[below + _STEPS] - under)
     )
     along_y = per_slope * (
-        q * (p * (z[i + 1, j] - z[i - 1, j]) + u * (z[i + 2, j] - z[i, j]))
-        + v * p * (z[i + 1, j + 1] - z[i - 1, j + 1])
-        + v * u * (z[i + 2, j + 1] - z[i, j + 1])
+        q * (p * (under - points[above]) + u * (points[last] - here))
+        + v * p * (opposite - points[above + _STEP])
+        + v * u * (points[last + _STEP] - right)
     )
     return along_x, along_y
 
@@ -399,40 +386,37 @@ def _shine(
 
 
 @jit_finite
-def light(cosine, weight, gain, between, blended, total, rest, region, seen):
+def light(cosine, weight, gain, blended, total, rest, region, seen):
     """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S).
 
-    gain: (gain_rows of S, LEDs * RGB * COSINE_TERMS * columns of S), interpolated linearly between
-    its rows. between, (LEDs, RGB, COSINE_TERMS, columns of S), which is blended in one line, and
-    total, columns of the region, are work arrays.
+    gain: (rows of S at GAIN_STRIDE, LEDs * RGB * COSINE_TERMS, columns of S), interpolated linearly
+    between its rows. blended, like one of them, and total, columns of the region, are work arrays.
     """
-    first, end = region[2], region[3]
-    leds, colors = between.shape[0], between.shape[1]
+    first, end, colors = region[2], region[3], seen.shape[0]
     for row in range(region[0], region[1]):
         above = row // GAIN_STRIDE
         apart = max(min(GAIN_STRIDE, cosine.shape[1] - 1 - GAIN_STRIDE * above), 1)
-        part = np.float32(row % GAIN_STRIDE) / np.float32(apart)
-        upper, lower = gain[above], gain[above + 1]
-        for n in range(blended.size):
-            blended[n] = upper[n] + part * (lower[n] - upper[n])
+        part, gains = np.float32(row % GAIN_STRIDE) / np.float32(apart), gain[above]
+        if part > _ZERO:
+            upper, lower, gains = gains, gain[above + 1], blended
+            for k in range(blended.shape[0]):
+                mixed, high, low = blended[k], upper[k], lower[k]
+                for n in range(mixed.size):
+                    mixed[n] = high[n] + part * (low[n] - high[n])
         for c in range(colors):
             filled, less = seen[c, row, first:end], rest[c, row, first:end]
             for n in range(total.size):
                 total[n] = -less[n]
-            for k in range(leds):
+            for k in range(cosine.shape[0]):
                 cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
-                g0, g1 = between[k, c, 0, first:end], between[k, c, 1, first:end]
-                g2, g3 = between[k, c, 2, first:end], between[k, c, 3, first:end]
+                at = (k * colors + c) * COSINE_TERMS
+                g0, g1 = gains[at, first:end], gains[at + 1, first:end]
+                g2, g3 = gains[at + 2, first:end], gains[at + 3, first:end]
                 for n in range(total.size):
                     m = cosines[n]
                     total[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
             for n in range(total.size):
                 filled[n] = total[n]
-
-
-def gain_rows(rows: int) -> np.ndarray:
-    """(n,) the rows of S with stored gains, of so many rows, including the last one."""
-    return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
 
 
 def normal_terms(normals: np.ndarray) -> np.ndarray:
@@ -473,13 +457,14 @@ def fill_normals(z, depth, across, down, distance, x0, y0, pitch, region, normal
     """Fill a region of normals (2, S), x and y towards the camera; arguments as for incidence."""
     per_mm = _ONE / pitch
     per_slope = np.float32(0.5) * per_mm
-    last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
+    points, width = z.ravel(), np.uint32(z.shape[1])
+    last_i, last_j = np.int32(z.shape[0] - 3), np.int32(z.shape[1] - 3)
     for row in range(region[0], region[1]):
         for n in range(region[2], region[3]):
             reached = distance + depth[row, n]
             fi, fj = (down[row] * reached - y0) * per_mm, (across[n] * reached - x0) * per_mm
-            i, j = min(max(int(fi), 1), last_i), min(max(int(fj), 1), last_j)
-            sx, sy = slopes(z, fi, fj, i, j, per_slope)
+            cell, u, v = _cell(fi, fj, last_i, last_j, width)
+            sx, sy = slopes(points, width, cell, u, v, per_slope)
             length = np.sqrt(_ONE + sx * sx + sy * sy)
             normals[0, row, n], normals[1, row, n] = sx / length, sy / length
 
@@ -505,8 +490,10 @@ def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, lines, s
     for k in range(leds.shape[0]):
         led, size, seen = leds[k], np.float32(sizes[k]), sight[k]
         top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
+        even = (window[1] - window[0] + 1) // 2  # rows, which come first; in each its even columns
         for turn in range(2 * (window[1] - window[0])):
-            i, first = _row_and_column(turn, window)
+            place, odd = (turn // 2, 0) if turn < 2 * even else (turn // 2 - even, 1)
+            i, first = window[0] + 2 * place + odd, window[2] + turn % 2
             row = heights[i, window[2] : window[3]]
             dy = led[1] - (y0 + np.float32(i) * pitch)
             if first == window[2]:
@@ -532,15 +519,6 @@ def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, lines, s
         if bottom > top:
             shadowed[k, 0], shadowed[k, 1] = top, bottom
             shadowed[k, 2], shadowed[k, 3] = left, right
-
-
-@inlined
-def _row_and_column(turn, window):
-    """The row and first column of a turn: even rows first, in each row even columns first."""
-    rows = window[1] - window[0]
-    even = (rows + 1) // 2
-    place, odd_row = (turn // 2, 0) if turn < 2 * even else (turn // 2 - even, 1)
-    return window[0] + 2 * place + odd_row, window[2] + turn % 2
 
 
 @inlined

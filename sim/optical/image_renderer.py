@@ -33,7 +33,7 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical import illumination, response
 from t2twin.sim.optical.camera import Camera
-from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays, Region
+from t2twin.sim.optical.illumination import COSINE_TERMS, GAIN_STRIDE, Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_degrees, place_terms
 from t2twin.sim.optical.response import keys, quantiles
@@ -109,8 +109,9 @@ class ImageRenderer(Keeper):
         cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
         change = self._rest_light
         if pixels[1] > pixels[0]:
-            seen = self._shone(self._rays, coated_mm, cosine, weight, samples, self._rest_light)
-            change = seen * self._albedo
+            change = self._shone(self._rays, coated_mm, cosine, weight, samples, self._rest_light)
+            if self.optics.albedo is not None:
+                change *= self._albedo
         return self._encoded(background, change, pixels, shade, rng, noise_grey)
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
@@ -126,13 +127,14 @@ class ImageRenderer(Keeper):
         used = np.flatnonzero(np.any(table != 0, axis=(0, 1, 3)))
         # high powers are slow to compute, and many responses have none
         degree = int(place_degrees()[used[-1]]) if used.size else 0
-        rows_of_gain = illumination.gain_rows(places_mm[0].shape[0])
+        last = len(places_mm[0]) - 1  # stored in any case
+        rows_of_gain = np.minimum(GAIN_STRIDE * np.arange(last // GAIN_STRIDE + 2), last)
         x_mm, y_mm = (places[rows_of_gain] for places in places_mm)
         terms = np.moveaxis(place_terms(x_mm, y_mm, degree), -1, 1)
         rows, count, columns = terms.shape
         entries = np.moveaxis(table[:, :, :count], 2, -1)
         gain = entries.reshape(-1, count) @ terms.astype(float)
-        return gain.astype(np.float32).reshape(rows, *entries.shape[:-1], columns)
+        return gain.astype(np.float32).reshape(rows, -1, columns)
 
     @cached_property
     def _lobe_gain(self) -> np.ndarray | None:
@@ -171,6 +173,11 @@ class ImageRenderer(Keeper):
         """(rows, columns, 3) uint8: the background frame without markers."""
         return self._on_gel(self.optics.background)
 
+    @cached_property
+    def _unmarked_light(self) -> np.ndarray:
+        """Its light."""
+        return self._light.take(self._unmarked)
+
     def _on_gel(self, background: np.ndarray) -> np.ndarray:
         """(rows, columns, 3) uint8: a background frame of the optics' gel, on this gel."""
         of_own_gel = np.ascontiguousarray(background)
@@ -195,13 +202,10 @@ class ImageRenderer(Keeper):
         Region, rest: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
         """(RGB, S) light of the LEDs in a region of samples, minus that at rest."""
-        seen = np.zeros_like(rest)
-        gain, total = self._gain, np.empty(samples[3] - samples[2], np.float32)
-        between = np.empty(gain.shape[1:], np.float32)
-        illumination.light(
-            cosine, weight, gain.reshape(len(gain), -1), between, between.ravel(), total, rest,
-            samples, seen,
-        )  # fmt: skip
+        seen, gain = np.zeros_like(rest), self._gain
+        total = np.empty(samples[3] - samples[2], np.float32)
+        work = np.empty(gain.shape[1:], np.float32), total
+        illumination.light(cosine, weight, gain, *work, rest, samples, seen)
         if self._lobe_gain is not None:
             normals = rays.normals(coated_mm, samples)
             illumination.add_lobe(normals, weight, self._lobe_gain, samples, seen)
@@ -221,12 +225,14 @@ class ImageRenderer(Keeper):
             rows, columns = background.shape[:2]
             frame = self.optics.noise.sample(rng, rows, columns).reshape(rows, -1)
             sigma = np.float32(noise_grey / self.noise_grey)
+        is_own = background is vars(self).get("_unmarked")
+        light = self._unmarked_light if is_own else self._light.take(background)
         rows, width = background.shape[:2]
         pairs = 2, 3 * (width + width % 2)
         lines = np.empty((3, change.shape[2]), np.float32), np.empty(pairs, np.float32)
         response.encode(
-            change, background.reshape(rows, -1), self._light, self._table, pixels, shade,
-            own_keys, quantiles() if sigma else NO_FRAME.ravel(), sigma, frame, *lines,
+            change, background.reshape(rows, -1), light.reshape(rows, -1), self._table, pixels,
+            shade, own_keys, quantiles() if sigma else NO_FRAME.ravel(), sigma, frame, *lines,
             np.empty(pairs, np.uint32), out.reshape(rows, -1),
         )  # fmt: skip
         return out

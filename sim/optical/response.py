@@ -141,7 +141,7 @@ def encode(
 
     S is the image's lattice of samples as in t2twin.sim.optical.illumination. change: (RGB, S)
     linear light, interpolated to the pixels of a region; the others show the background, grey
-    levels. light: (256,) linear light of each grey level. table: of ENCODING_STEPS. shade: (rows,
+    levels. light: like out, linear light of the background. table: of ENCODING_STEPS. shade: (rows,
     columns) factors of the grey levels, or empty. noise: like out, multiplied by sigma; if it is
     empty, white noise of standard deviation sigma, grey levels, from keys and quantiles. lines: (3,
     columns of S), values, indices: (2, RGB of whole pairs of columns), are work arrays.
@@ -159,12 +159,10 @@ def encode(
             grey[n] = still[n]
         if region[0] <= row < region[1]:
             _interpolate(change, row, pairs, end, lines, value)
-            under, shown = still[6 * pairs : 6 * end], grey[6 * pairs : 6 * end]
+            under, shown = light[row, 6 * pairs : 6 * end], grey[6 * pairs : 6 * end]
             # table lookups have separate loops, so that the others are vectorized
             for n in range(under.size):
-                value[n] += light[under[n]]
-            for n in range(under.size):
-                root = np.sqrt(min(max(value[n], _ZERO), _ONE))
+                root = np.sqrt(min(max(value[n] + under[n], _ZERO), _ONE))
                 entry[n] = np.uint32(np.int32(root * last + _HALF))
             for n in range(under.size):
                 shown[n] = table[entry[n]]
