@@ -116,8 +116,8 @@ def read_measurements(
     check_ball(ball_diameter_mm, "the ball's diameter in mm", sensor)
     path, rows = folder / FORCES, {}
     thickness_mm = sensor.own_gel.thickness_mm
-    for other in folder.iterdir():
-        if other.suffix.lower() in (".csv", ".tsv", ".xlsx") and other.name != FORCES:
+    for other in () if lexists(path) else folder.iterdir():
+        if other.suffix.lower() in (".csv", ".tsv", ".xlsx"):
             warn(f"{other} is not read; the table of measurements must be named {FORCES}")
     for row in read_rows(path, _Row) if lexists(path) else ():  # a broken link is an error
         if row.file not in names:

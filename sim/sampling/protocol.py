@@ -37,13 +37,15 @@ class Scale:
     object_orientations: int
 
 
+def _square(*axis: int) -> tuple[tuple[int, int], ...]:
+    return tuple(product(axis, axis))
+
+
 SCALES = {
     "smoke": Scale(((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
-    "light": Scale(
-        (*product((0, 1, 3, 5, 6), repeat=2),), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2
-    ),
-    "small": Scale((*product((1, 2, 4, 5), repeat=2),), 2, (*product(range(3), repeat=2),), 1),
-    "paper": Scale((*product(range(7), repeat=2),), 12, (*product(range(3), repeat=2),), 7),
+    "light": Scale(_square(0, 1, 3, 5, 6), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2),
+    "small": Scale(_square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
+    "paper": Scale(_square(*range(7)), 12, _square(*range(3)), 7),
 }
 
 

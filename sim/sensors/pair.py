@@ -114,7 +114,7 @@ class SensorPair:
         one sample earlier, for memories. Raises T2TwinError as solve_contact does.
         """
         readings: dict[str, Reading] = {}
-        earlier: dict[str, Any] = {} if before is None else before.readings
+        earlier: Any = {} if before is None else before.readings
         for role, (name, sensor) in zip(ROLES, self.by_name.items(), strict=True):
             if only not in (None, name):
                 continue
@@ -165,7 +165,7 @@ class SensorPair:
         self, touch: Touch, rng: np.random.Generator | None = None, before: Touch | None = None
     ) -> Touch:
         """The touch with the images and the counts of its contacts; rng, before as for `press`."""
-        earlier: dict[str, Any] = {} if before is None else before.readings
+        earlier: Any = {} if before is None else before.readings
         readings = {
             name: self.by_name[name].read(reading.contact, rng, earlier.get(name))
             for name, reading in touch.readings.items()

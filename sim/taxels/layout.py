@@ -97,10 +97,8 @@ class Layout(Record):
 
 @lru_cache(maxsize=64)  # warns once of each
 def check_layout(layout: Layout) -> None:
-    """Raises T2TwinError for a user's taxels on one line, and warns of pads that overlap.
-
-    They overlap if squares of their area side by side would: a file may have square pads.
-    """
+    """Raises T2TwinError for a user's taxels on one line, and warns of pads that would overlap even
+    as squares of their area, which a file may have."""
     places = np.column_stack([layout.x_mm, layout.y_mm])
     across = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)[2][1]
     if np.ptp(places @ across) < CLOSEST_MM:
