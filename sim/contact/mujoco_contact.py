@@ -158,6 +158,7 @@ class MujocoPins:
             self.data.qpos,
             self.data.qacc_warmstart,
         )
+        self._force, self._speed = self.data.qfrc_applied, self.data.qvel
 
     def step(
         self, gap_mm: np.ndarray, depth_mm: float, force: float, spring_rest_mm: np.ndarray,
@@ -169,12 +170,11 @@ class MujocoPins:
         gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the expected
         depth. spring_rest_mm, stiffness: (n,) of the springs, mm, and in units of a pin's spring.
         """
-        data, n = self.data, gap_mm.size
         _set_up(gap_mm, depth_mm, force, spring_rest_mm, stiffness, *self._state)
-        data.qfrc_applied[0] = -force
-        data.qvel[:] = 0.0
-        mujoco.mj_step(self.model, data)
-        return -float(data.qpos[0]), -data.qpos[1 : n + 1]
+        self._force[0], self._speed[:] = -force, 0.0
+        mujoco.mj_step(self.model, self.data)
+        places = self._state[3]
+        return -float(places[0]), -places[1 : gap_mm.size + 1]
 
 
 _log = mujoco.MjLogConfig.get()

@@ -199,6 +199,8 @@ class Pins:
     @cached_property
     def parts(self) -> list[slice]:
         """The part of each body among the pins."""
+        if len(self.cover) == 1:
+            return [slice(0, self.bodies.size)]
         ends = np.searchsorted(self.bodies, np.arange(len(self.cover) + 1)).tolist()
         return [slice(first, end) for first, end in pairwise(ends)]
 
@@ -441,13 +443,14 @@ def _blocks(along, per_cell, rows, columns, sides):
 @compiled(nogil=True)
 def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
     down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
+    size = np.uint32(per_cell)  # divisions without a sign are fast
     for n in range(rows.size):
         body, total = bodies[n], 0.0
         top, left = rows[n] - first[body, 0], columns[n] - first[body, 1]
         for i in range(max(top, 0), min(top + sides[n], down)):
-            row = coarse[body, i // per_cell]
+            row = coarse[body, np.uint32(i) // size]
             for j in range(max(left, 0), min(left + sides[n], across)):
-                total += row[j // per_cell]
+                total += row[np.uint32(j) // size]
         pressure[n] = total / covered[n]
 
 

@@ -256,8 +256,9 @@ def spring_step(
 
 def iterate_work(shape: tuple[int, int], across: int, pins: int) -> tuple[np.ndarray, ...]:
     """Arrays that `iterate` works in, for a window of a shape and transforms of so many columns."""
-    sums = np.zeros((shape[0] + 1, shape[1] + 1, 2))
-    memory = np.zeros((2 * MEMORY + 2, pins)), np.zeros((MEMORY, MEMORY)), np.zeros(3, np.int64)
+    sums = np.empty((shape[0] + 1, shape[1] + 1, 2))
+    sums[0] = sums[:, 0] = 0.0
+    memory = np.empty((2 * MEMORY + 2, pins)), np.zeros((MEMORY, MEMORY)), np.zeros(3, np.int64)
     return np.empty((shape[0], across), np.float32), sums, np.empty((5, pins)), *memory
 
 
