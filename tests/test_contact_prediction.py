@@ -229,8 +229,9 @@ def test_counts_and_contact_that_disagree_are_noted(images, tmp_path, capsys) ->
 
 def test_true_counts_carry_the_force_at_its_place() -> None:
     """Some force is carried beyond the outermost places."""
-    dense = t2twin.press("hemisphere-4", x_mm=1.0, y_mm=-2.0, force_n=4.0)["cyskin-20"].dense_counts
-    outputs = {"dense_counts": np.tile(dense, (3, 1)), "force_n": np.array([4.0, 8.0, 4.0])}
+    touch = t2twin.press("hemisphere-4", x_mm=1.0, y_mm=-2.0, force_n=4.0)
+    outputs = {"dense_counts": np.tile(touch.of_array.dense_counts, (3, 1))}
+    outputs["force_n"] = np.array([4.0, 8.0, 4.0])
     outputs["center_mm"] = np.array([(1.0, -2.0), (4.0, -2.0), (np.nan, np.nan)])
     off_mm, ratio = load("field").differences(outputs).values()
     np.testing.assert_allclose(ratio, [1.0, 0.5, np.nan], rtol=0.03)

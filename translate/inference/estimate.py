@@ -121,8 +121,8 @@ def with_std(value: np.ndarray, std: np.ndarray) -> str:
     return ", ".join(f"{each:.3g} ± {spread:.2g}" for each, spread in pairs)
 
 
-def forces_in_words(one: "Estimate | ContactEstimate") -> list[str]:
-    """Force and shear force of one image with their standard deviations, as far as predicted."""
+def forces_in_words(one: Any) -> list[str]:
+    """Force and shear force of an estimate of one image, with their standard deviations."""
     forces = (("force", one.force_n, one.force_std_n), ("shear", one.shear_n, one.shear_std_n))
     return [f"{name} {with_std(*both)} N" for name, *both in forces if both[0] is not None]
 

@@ -131,7 +131,8 @@ def translate_images(
     frame with another run, and a file that would replace an input or another's file.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = background and read_image(arguments.path(background, "background"), order)
+    background = None if background is None else arguments.path(background, "background")
+    frame = background and read_image(background, order)
     names = output_names(images) if arguments.flag(png, "png") else []
     predictor = load_run(run, layout, bf16)
     array, found, given = (
@@ -219,7 +220,8 @@ def translate_contacts(
     Returns the contacts in the order of `find_images`, and warns of their notes.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    frame = background and read_image(arguments.path(background, "background"), order)
+    background = None if background is None else arguments.path(background, "background")
+    frame = background and read_image(background, order)
     predictor = load_run(run)
     found: list[ContactEstimate] = []
     names = [name.removesuffix(".png") for name in output_names(images)]
@@ -227,9 +229,7 @@ def translate_contacts(
     ends = [CONTACTS_CSV, *(f"{name}{end}" for name in names for end in written)]
     with (
         ThreadPoolExecutor() as pool,
-        result_folder(
-            out_dir, KIND, ends, [*images, *map(Path, filter(None, (background,)))]
-        ) as folder,
+        result_folder(out_dir, KIND, ends, [*images, *filter(None, (background,))]) as folder,
     ):
         for _, frames in _batches(images, pool, order):
             found += predictor.classified_estimate(frames, frame, contact=True).contact

@@ -282,9 +282,9 @@ class TrainedTranslator:
 
     def differences(self, outputs: Outputs) -> Outputs:
         """(B,) of counts and contact by the names in DIFFERENCES; NaN without contact."""
-        data, array, center = self.config.data, self._array, outputs["center_mm"]
-        places = np.column_stack([data.array.dense_x_mm, data.array.dense_y_mm])
-        seen = (np.abs(places) <= data.camera.view_mm).all(axis=1)
+        array, center = self._array, outputs["center_mm"]
+        places = np.column_stack(cast(FieldTranslator, self.translator).places_mm)
+        seen = (np.abs(places) <= self.config.data.camera.view_mm).all(axis=1)
         dense, carried_n = outputs["dense_counts"].astype(float), np.full(len(center), np.nan)
         if array is not None:
             counts = array.counts_of(PRESSURES_MPA)
@@ -294,8 +294,7 @@ class TrainedTranslator:
         with np.errstate(divide="ignore", invalid="ignore"):
             of_counts = dense[:, seen] @ places[seen] / dense[:, seen].sum(axis=1, keepdims=True)
             ratio = carried_n / outputs.get("force_n", np.nan) + 0.0 * center[:, 0]
-        off_mm = np.linalg.norm(of_counts - center, axis=1)
-        return dict(zip(DIFFERENCES, (off_mm, ratio), strict=True))
+        return dict(zip(DIFFERENCES, (np.hypot(*(of_counts - center).T), ratio), strict=True))
 
     def estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
