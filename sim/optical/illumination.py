@@ -244,7 +244,7 @@ def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
 
 def smoothed(surface: np.ndarray) -> np.ndarray:
     """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
-    across, out = np.empty((2, *surface.shape), np.float32)
+    across, out = (np.empty(surface.shape, np.float32) for _ in range(2))
     _smooth(surface, np.empty(surface.shape[1] + COATING_TAPS.size - 1, np.float32), across, out)
     return out
 
