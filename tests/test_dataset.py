@@ -174,7 +174,7 @@ def test_a_pair_is_what_the_sensors_take(made, shapes):
     ("asked", "said"),
     [
         ({"shapes": ("square-1", "sphere")}, "sphere"),
-        ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "off the cover"),
+        ({"layout": "x_mm,y_mm\n0,0\n5,5\n13.9,0\n"}, "off the cover"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "needs Dask"),
     ],
 )
