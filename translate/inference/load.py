@@ -31,7 +31,7 @@ from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
-from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels
+from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, FromPixels
 from t2twin.translate.models.field import CENTER, MAPS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
 from t2twin.translate.runs.config import (
@@ -177,7 +177,7 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
     """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
     import onnx
 
-    module = FromPixels(run.translator).eval()
+    module = FromPixels(run.translator, run.frame_check).eval()
     frame = []
     if run.has_uncertainty:
         mean_frame: Any = module.network.mean_frame
@@ -290,7 +290,7 @@ class OnnxEngine:
             model = onnx.load(path)
         except (T2TwinError, OSError):
             return None
-        unused = {TACTILE_IMAGES, *(() if with_contact else (*MAPS, *CENTER))}
+        unused = {TACTILE_IMAGES, FEATURES, *(() if with_contact else (*MAPS, *CENTER))}
         inputs = [each.name for each in model.graph.input]
         outputs = [each.name for each in model.graph.output if each.name not in unused]
         # ONNX Runtime computes all that is in a graph, used or not.
@@ -309,7 +309,9 @@ def _key(run: TrainedTranslator) -> str:
     taxels, full_scale = run.config.data.array.taxels, run.config.data.array.full_scale
     values = [each.tolist() for each in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm)]
     settings = run.config.model, run.config.preset, full_scale, values
-    known = hashlib.sha256(f"{sha256_of(run.run_dir / BEST)}{settings}".encode())
+    files = [run.run_dir / name for name in (BEST, FRAME_CHECK)]
+    weights = [sha256_of(each) for each in files if each.is_file()]
+    known = hashlib.sha256(f"{weights}{settings}".encode())
     translate = Path(__file__).parents[1]
     for folder in ("inference", "models", "uncertainty"):
         for source in sorted((translate / folder).glob("*.py")):

@@ -47,8 +47,8 @@ from t2twin.translate.inference.estimate import (
     half_width,
     warn_of_contacts,
 )
-from t2twin.translate.models.base import TACTILE_IMAGES, Translator
-from t2twin.translate.models.field import FEATURES, FieldTranslator
+from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, Translator
+from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
@@ -194,6 +194,11 @@ class TrainedTranslator:
             if outputs is None:
                 inputs = self.translator.to_input(batch.astype(np.float32) / WHITE_GREY)
                 tensors = self.translator.predict_all(inputs, contact, features)
+                if features and self.frame_check is not None:
+                    with torch.inference_mode():
+                        tensors |= self.frame_check.odds(
+                            tensors[FEATURES].cpu(), inputs[:, :COLORS]
+                        )
                 if in_torch:
                     tensors |= self.translator.tactile_images(tensors)
                 outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
@@ -369,13 +374,13 @@ class TrainedTranslator:
             ways = [detector.classify(images)]
         if has_frames:
             ways.append(compare_with_background(images, frames))
-        if self._frame_check is not None and len(images):
-            ways.append(self._frame_check.classify(outputs[FEATURES], images, has_frames))
-        base = OODClass.NOT_COMPARED if detector is self._frame_check is None else INSIDE
+        if self.frame_check is not None and len(images):
+            ways.append(self.frame_check.classify(outputs, has_frames))
+        base = OODClass.NOT_COMPARED if detector is self.frame_check is None else INSIDE
         both = zip(*ways, strict=True)
         found = [next((e for e in each if e.inside is False), base) for each in both]
         known = self.config.data.force_n
-        if self._frame_check is None or not known or "force_n" not in outputs:
+        if self.frame_check is None or not known or "force_n" not in outputs:
             return found
         force_n, half = _force_and_half(outputs)
         too_low = (force_n > SURE * half) & (force_n < known[0])
@@ -429,7 +434,7 @@ class TrainedTranslator:
     def _order(self) -> Callable[[bytes], tuple[FrameOrder, float]]:
         """The likeliest order of a frame, (S, S, 3) uint8, and its logarithm of the odds less that
         of UPRIGHT. A frame that returns is compared once."""
-        check, size = self._frame_check, self.config.preset.size
+        check, size = self.frame_check, self.config.preset.size
         orders = [FrameOrder(*each) for each in product(TURNS_DEG, (False, True), (False, True))]
 
         @lru_cache(MAX_BACKGROUNDS)
@@ -468,7 +473,7 @@ class TrainedTranslator:
         return touched
 
     @cached_property
-    def _frame_check(self) -> FrameCheck | None:
+    def frame_check(self) -> FrameCheck | None:
         """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
         return load_frame_check(self.run_dir)
 

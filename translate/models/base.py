@@ -27,11 +27,13 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models import distributed
+from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.presets import Preset
 
 # Predictions for B pictures by name: "counts", (B, N), or "image", (B, S, S, c) in grey levels
 Outputs = dict[str, torch.Tensor]
 TACTILE_IMAGES = "tactile_images"
+FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
 
 class Translator(ABC):
@@ -166,15 +168,17 @@ class FromPixels(nn.Module):
     """A whole prediction in float32 on the CPU, ready for tracing.
 
     From pixels in [0, 1], (B, c, S, S), and the background frame of a field run, (1, 3, S, S), to
-    the counts, the tactile images and the other predictions. `names` then names these.
+    the counts, the tactile images and the other predictions, and the odds of a frame check, if any.
+    `names` then names these.
     """
 
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, translator: Translator) -> None:
+    def __init__(self, translator: Translator, check: FrameCheck | None = None) -> None:
         super().__init__()
         self.names: list[str] = []
+        self.check = check
         self.network = deepcopy(translator.predictor).cpu()
         self.translator = translator.in_float32()
         self.translator.device, self.translator.predictor = torch.device("cpu"), self.network
@@ -185,6 +189,8 @@ class FromPixels(nn.Module):
         inputs = [(each.expand_as(pixels[0]) - self.mean) / self.std for each in pixels]
         found = self.translator.traced(*inputs)
         every = {"counts": found["counts"]} | self.translator.tactile_images(found) | found
+        if self.check is not None:
+            every |= self.check.odds(found[FEATURES], inputs[0])
         self.names = list(every)
         return tuple(every.values())
 

@@ -28,7 +28,7 @@ from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, ImageFile, Pairs
-from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
+from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, Outputs, Translator, adamw
 from t2twin.translate.models.field_net import CONTACT, KNOTS, SCALE, SHEAR, FieldNet
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.uncertainty.calibration import (
@@ -77,7 +77,6 @@ EVEN = 0.5  # Probability from which a cell is in contact
 MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
 CENTER = ("center_mm", "center_std_mm")  # Names of the predictions, see `read_contact`
 BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
-FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
 
 class FieldTranslator(Translator):

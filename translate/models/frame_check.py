@@ -12,6 +12,7 @@ Shape letters: B images, S image side of the run, n features, K classes, T trans
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from torch.nn import functional
 from t2twin.translate.data.images import COLORS, to_input
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
-BATCH_SIZE = 64  # Images in one batch; bounds memory
+KINDS, TRANSFORMS = "frame_odds", "transform_odds"  # Names of the networks' outputs
 # The K classes, the right one first
 RIGHT = OODClass.IN_DISTRIBUTION
 CLASSES = (RIGHT, *INVERSE_TRANSFORMS, OODClass.UNLIKE_BACKGROUND, OODClass.OTHER)
@@ -85,39 +86,33 @@ class FrameCheck(nn.Module):
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))
 
-    def classify(
-        self, features: np.ndarray, images: np.ndarray, has_background: bool
-    ) -> list[OODClass]:
+    @torch.no_grad()
+    def odds(self, features: torch.Tensor, images: torch.Tensor) -> dict[str, torch.Tensor]:
+        """The logits of both networks by name, with the scores in place of the first, which is of
+        the right class. features: (B, n). images: (B, 3, S, S), normalized, without backgrounds."""
+        found = {KINDS: self(features), TRANSFORMS: self.transforms(images)}
+        return {n: torch.cat([scores(e)[:, None], e[:, 1:]], dim=1) for n, e in found.items()}
+
+    def classify(self, odds: dict[str, np.ndarray], has_background: bool) -> list[OODClass]:
         """(B,) classes of frames; of two transforms, that of the second network.
 
-        features: (B, n). images: (B, S, S, 3) uint8, without background frames. has_background:
-        whether the features are of frames with background frames.
+        odds: as `odds` returns them. has_background: whether they are of frames with backgrounds.
         """
-        self.eval()
-        found, transforms = [], CLASSES[1 : 1 + len(INVERSE_TRANSFORMS)]
-        with torch.inference_mode():
-            for start in range(0, len(images), BATCH_SIZE):
-                part = slice(start, start + BATCH_SIZE)
-                logits = self(torch.from_numpy(features[part]))
-                kinds = self._named(logits, WITH if has_background else WITHOUT)
-                inputs = to_input(images[part] / np.float32(255.0))
-                named = self._named(self.transforms(inputs), TRANSFORMED)
-                for kind, other in zip(kinds, named, strict=True):
-                    replaces = other in transforms and kind in (RIGHT, *transforms)
-                    found.append(other if replaces else kind)
-        return found
+        transforms = CLASSES[1 : 1 + len(INVERSE_TRANSFORMS)]
+        kinds = self._named(odds[KINDS], WITH if has_background else WITHOUT)
+        both = zip(kinds, self._named(odds[TRANSFORMS], TRANSFORMED), strict=True)
+        return [b if b in transforms and a in (RIGHT, *transforms) else a for a, b in both]
 
     def transform_odds(self, images: np.ndarray) -> np.ndarray:
         """(B,) logarithms of the odds that images, (B, S, S, 3) uint8, are transformed, by the
         second network."""
-        self.eval()
         with torch.inference_mode():
             return scores(self.transforms(to_input(images / np.float32(255.0)))).numpy()
 
-    def _named(self, logits: torch.Tensor, which: int) -> list[OODClass]:
+    def _named(self, odds: np.ndarray, which: int) -> list[OODClass]:
         """(B,) classes by one network and its limit."""
-        wrong, kinds = scores(logits) > self.limits[which], 1 + logits[:, 1:].argmax(dim=1)
-        return [CLASSES[int(k) if bad else 0] for k, bad in zip(kinds, wrong, strict=True)]
+        wrong, kinds = odds[:, 0] > float(self.limits[which]), 1 + odds[:, 1:].argmax(axis=1)
+        return [CLASSES[k if bad else 0] for k, bad in zip(kinds, wrong, strict=True)]
 
 
 class TransformNet(nn.Module):
@@ -141,7 +136,16 @@ class TransformNet(nn.Module):
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 3, S, S) normalized images -> (B, T + 1) logits."""
-        return self.layers(functional.adaptive_avg_pool2d(images, SIDE))
+        means = _means(int(images.shape[-1])).to(images.device)
+        return self.layers(means @ images @ means.T)
+
+
+@cache
+def _means(side: int) -> torch.Tensor:
+    """(SIDE, side): weights of adaptive averages of a line, which ONNX has not."""
+    at = np.arange(SIDE)[:, None] * side
+    inside = (np.arange(side) >= at // SIDE) & (np.arange(side) < -(-(at + side) // SIDE))
+    return torch.from_numpy((inside / inside.sum(axis=1, keepdims=True)).astype(np.float32))
 
 
 def scores(logits: torch.Tensor) -> torch.Tensor:

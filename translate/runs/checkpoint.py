@@ -110,7 +110,7 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
             f"{path} is not a frame check of this version; remove it, and `t2twin "
             f"calibrate-uncertainty {run_dir} --data DATASET` writes another"
         ) from None
-    return check
+    return check.eval()
 
 
 def save_state(path: Path, translator: Translator, progress: TrainingState) -> None:

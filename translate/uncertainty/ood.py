@@ -182,12 +182,14 @@ def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODC
 def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     """image: (1, S, S, c). frame: (S, S, c)."""
     cells, pattern = _cell_means(image), _pattern(image)
-    of_frame, fixed = _of_background(frame.tobytes(), frame.shape)
+    of_frame, fixed, spectra = _of_background(frame.tobytes(), frame.shape)
     undone = [undo(cells) for undo in INVERSE_TRANSFORMS.values()]
     off = np.sqrt(np.square(np.concatenate([cells, *undone]) - of_frame).mean(axis=-1))
     sides = [off[:, [0, -1]], off[:, 1:-1, [0, -1]]]
     border = np.concatenate([each.reshape(len(off), -1) for each in sides], axis=1)
-    difference, *others = np.quantile(border, BORDER_SHARE, axis=1).tolist()
+    at = BORDER_SHARE * (border.shape[1] - 1)  # np.quantile takes ten times as long
+    below, above = np.sort(border, axis=1)[:, int(at) : int(at) + 2].T
+    difference, *others = (below + at % 1.0 * (above - below)).tolist()
     differences = dict(zip(INVERSE_TRANSFORMS, others, strict=True))
     has_pattern = _correlation(pattern, fixed) >= MIN_PATTERN
     if has_pattern:  # that of a grey gel is the same with blue before red
@@ -200,16 +202,18 @@ def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     nearest = min(differences, key=lambda kind: differences[kind])
     if differences[nearest] < TRANSFORMED_SHARE * difference:
         return nearest
-    if _is_shifted(pattern[0], fixed[0]):
+    if _is_shifted(_spectra(pattern[0]), spectra):
         return OODClass.SHIFTED
     limit = MAX_BORDER_GREY if has_pattern else MAX_UNPATTERNED_GREY
     return OODClass.IN_DISTRIBUTION if difference <= limit else OODClass.UNLIKE_BACKGROUND
 
 
 @lru_cache(MAX_BACKGROUNDS)
-def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[Any, ...]:
+    """The cells, the pattern and its spectra. A frame that returns is transformed once."""
     frame = np.frombuffer(content, np.uint8).reshape(1, *shape)
-    return _cell_means(frame), _pattern(frame)
+    pattern = _pattern(frame)
+    return _cell_means(frame), pattern, _spectra(pattern[0])
 
 
 def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
@@ -232,40 +236,48 @@ def _pattern(image: np.ndarray) -> np.ndarray:
     """(1, s, s, c): differences from four neighbors, limited, as the edges of a contact exceed."""
     step = max(1, image.shape[1] // PATTERN_PX)
     side = image.shape[1] // step
-    blocks = image[:, : side * step, : side * step].astype(np.float32)
-    grey = blocks.reshape(1, side, step, side, step, -1).mean(axis=(2, 4))
+    grey = np.ascontiguousarray(image[0, : side * step, : side * step].transpose(2, 0, 1))
+    grey = grey.astype(np.float32)  # each channel contiguous, which is fast
+    if step > 1:
+        grey = grey.reshape(-1, side, step, side, step).mean(axis=(2, 4))
     pattern = 4.0 * grey[:, 1:-1, 1:-1] - grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]
     pattern = pattern - grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2]
-    limit = 3.0 * 1.48 * np.median(np.abs(pattern), axis=(0, 1, 2))  # 1.48: of a Gaussian
-    return np.clip(pattern, -limit, limit)
+    limit = 3.0 * 1.48 * np.median(np.abs(pattern), axis=(1, 2))[:, None, None]  # 1.48: Gaussian
+    return np.clip(pattern, -limit, limit).transpose(1, 2, 0)[None]
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
     """Of two patterns, -1 to 1; 0 for an even image."""
     norm = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(np.vdot(one, other)) / norm if norm > 0 else 0.0
+    return float((one * other).sum()) / norm if norm > 0 else 0.0
 
 
-def _is_shifted(pattern: np.ndarray, fixed: np.ndarray) -> bool:
-    """Whether a pattern, (s, s, c), or its upper or lower half, is the fixed one somewhere else."""
-    if len(pattern) < PATTERN_PX - 2:  # too few values
+def _spectra(pattern: np.ndarray) -> tuple[np.ndarray, list[float], list[int]] | None:
+    """Spectra of the upper and lower half of a pattern, (s, s, c), their sums of squares, and rows
+    and columns. None for too few values."""
+    if len(pattern) < PATTERN_PX - 2:
+        return None
+    half = len(pattern) // 2
+    halves = pattern[: 2 * half].reshape(2, half, *pattern.shape[1:]).transpose(0, 3, 1, 2)
+    shape = [fft.next_fast_len(length, real=True) for length in halves.shape[2:]]
+    return fft.rfft2(halves, shape), [float(np.square(each).sum()) for each in halves], shape
+
+
+def _is_shifted(one: Any, fixed: Any) -> bool:
+    """Whether a pattern, or its upper or lower half, is the fixed one somewhere else.
+
+    one, fixed: their `_spectra`."""
+    if one is None:
         return False
-    half, products, squares = len(pattern) // 2, [], []
-    shape = [fft.next_fast_len(length, real=True) for length in (half, pattern.shape[1])]
-    for rows in (slice(half), slice(half, 2 * half)):
-        pair = pattern[rows], fixed[rows]
-        spectra: list[Any] = [fft.rfft2(each, shape, axes=(0, 1)) for each in pair]
-        products.append(fft.irfft2((spectra[0] * spectra[1].conj()).sum(axis=-1), shape))
-        squares.append([float(np.vdot(each, each)) for each in pair])
-    both = sum(products), np.sum(squares, axis=0)
-    for found, (one, other) in (both, *zip(products, squares, strict=True)):
-        found = np.roll(found / max(np.sqrt(one * other), 1e-9), (MAX_SHIFT, MAX_SHIFT), (0, 1))
-        near = found[: 2 * MAX_SHIFT, : 2 * MAX_SHIFT]
-        unshifted = near[MAX_SHIFT, MAX_SHIFT]
-        near[MAX_SHIFT - 1 : MAX_SHIFT + 2, MAX_SHIFT - 1 : MAX_SHIFT + 2] = 0.0  # of drift
-        if near.max() >= max(MIN_SHIFTED, unshifted + max(MIN_GAIN, DEVIATIONS * near.std())):
-            return True
-    return False
+    halves = fft.irfft2((one[0] * fixed[0].conj()).sum(axis=1), one[2])
+    found = np.stack([halves.sum(axis=0), *halves])
+    squares = [np.array([sum(each[1]), *each[1]]) for each in (one, fixed)]
+    found = np.roll(found, (MAX_SHIFT, MAX_SHIFT), (1, 2))[:, : 2 * MAX_SHIFT, : 2 * MAX_SHIFT]
+    near = found / np.sqrt(squares[0] * squares[1]).clip(min=1e-9)[:, None, None]
+    unshifted = near[:, MAX_SHIFT, MAX_SHIFT].copy()
+    near[:, MAX_SHIFT - 1 : MAX_SHIFT + 2, MAX_SHIFT - 1 : MAX_SHIFT + 2] = 0.0  # of drift
+    gain = np.maximum(MIN_GAIN, DEVIATIONS * near.std(axis=(1, 2)))
+    return bool((near.max(axis=(1, 2)) >= np.maximum(MIN_SHIFTED, unshifted + gain)).any())
 
 
 def _cell_means(pixels: np.ndarray) -> np.ndarray:
