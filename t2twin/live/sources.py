@@ -97,14 +97,14 @@ def _opened(source: int | str) -> tuple[Any, Any]:
 
 def _camera(number: int) -> Source:
     """Frames of a camera."""
-    _, capture = _opened(number)
+    cv2, capture = _opened(number)
 
     def frames() -> Source:
         count, due_s = 0, time.monotonic() + READ_TIMEOUT_S
         while True:
             ok, bgr = capture.read()
             if ok:
-                yield Frame(bgr[:, :, ::-1], count, None, time.perf_counter())
+                yield Frame(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), count, None, time.perf_counter())
                 count, due_s = count + 1, time.monotonic() + READ_TIMEOUT_S
             elif time.monotonic() >= due_s:
                 raise T2TwinError(f"camera {number} returns no frames; check its connection")
@@ -131,7 +131,7 @@ def _video(path: Path, report: Report) -> Source:
             if not ok:
                 break
             time.sleep(max(0.0, due_s - time.perf_counter()))
-            yield Frame(bgr[:, :, ::-1], count, None, due_s)
+            yield Frame(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), count, None, due_s)
         if not count:
             raise T2TwinError(f"{path} contains no readable frame")
         if count < 0.9 * announced:  # headers may be inexact (assumed)

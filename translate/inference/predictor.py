@@ -425,10 +425,24 @@ class TrainedTranslator:
         UPRIGHT where the logarithm of the odds exceeds that of UPRIGHT by less than `least`, of
         noise, and of a run without a frame check.
         """
-        if is_noise(frame):
-            return UPRIGHT
-        order, more = self._order(resized([frame], self.config.preset.size, False).tobytes())
+        pixels, is_of_noise = self._small(frame)
+        order, more = (UPRIGHT, 0.0) if is_of_noise else self._order(pixels.tobytes())
         return order if more > least else UPRIGHT
+
+    @cached_property
+    def _small(self) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
+        """A background frame at the network's size, (S, S, 3), and whether it is noise. The last
+        one is kept, as it is the same for all frames of a unit."""
+        size, last = self.config.preset.size, (np.empty(0), np.empty(0), False)
+
+        def small(frame: np.ndarray) -> tuple[np.ndarray, bool]:
+            nonlocal last
+            known = last  # of any thread
+            if not np.array_equal(known[0], frame):
+                known = last = frame.copy(), resized([frame], size, False)[0], is_noise(frame)
+            return known[1:]
+
+        return small
 
     @cached_property
     def _order(self) -> Callable[[bytes], tuple[FrameOrder, float]]:
@@ -540,8 +554,7 @@ class TrainedTranslator:
         self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
         if background is None:
             return pixels
-        frame = one_image(background, "background", ONE)
-        behind = resized([frame], self.config.preset.size, self.config.preset.grey)[0]
+        behind = self._small(one_image(background, "background", ONE))[0]
         return np.concatenate([pixels, np.broadcast_to(behind, pixels.shape)], axis=-1)
 
     def _check_pixels(self, pixels: np.ndarray | Pictures) -> None:
