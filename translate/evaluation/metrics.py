@@ -56,9 +56,16 @@ def compare(
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
+    # phi is linear, so the moments of the images are products of the counts with those of phi. The
+    # centroid of an empty prediction is the center of the image.
+    x_mm, y_mm = np.meshgrid(*phi.centers_mm)
+    weights = np.column_stack([np.ones(x_mm.size), x_mm.ravel(), y_mm.ravel()])
+    a, b = (each @ (phi.matrix.T @ weights) for each in (predicted, true))
+    found = a[:, 1:] / np.where(a[:, :1] > 0, a[:, :1], np.inf)
+    off_mm = found - b[:, 1:] / np.where(b[:, :1] > 0, b[:, :1], np.nan)
     values = {
         "squared_error": squares.mean(axis=1),
-        "centroid_error_mm": _centroid_error_mm(predicted, true, phi),
+        "centroid_error_mm": np.linalg.norm(off_mm, axis=1),
         "total_error": np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
         "total": true.sum(axis=1),
     }
@@ -93,21 +100,6 @@ def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float
     either = (one | other).sum()
     in_contact = local[other].mean(dtype=float) if other.any() else np.nan
     return float(ssim), in_contact, (one & other).sum() / either if either else np.nan
-
-
-def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
-    """(P,) distance, mm; the centroid of an empty prediction is the center of the image.
-
-    phi is linear, so the moments of the images are products of the counts with those of phi.
-    """
-    x_mm, y_mm = np.meshgrid(*phi.centers_mm)
-    weights = np.column_stack([np.ones(x_mm.size), x_mm.ravel(), y_mm.ravel()])
-    moments = phi.matrix.T @ weights  # (N, 3)
-    of_predicted, of_true = predicted @ moments, true @ moments
-    empty = of_true[:, 0] <= 0
-    a = of_predicted[:, 1:] / np.where(of_predicted[:, :1] > 0, of_predicted[:, :1], np.inf)
-    b = of_true[:, 1:] / np.where(empty[:, None], np.inf, of_true[:, :1])
-    return np.where(empty, np.nan, np.linalg.norm(a - b, axis=1))
 
 
 def compare_images(

@@ -51,6 +51,7 @@ PARITY_IMAGES = 5  # Random images on which the file is compared with the run
 # Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
 # them; for depths, micrometers
 PARITY_COUNTS = 1.0
+ONNX = ("onnx", "onnxruntime")
 NEEDS_ONNX = "needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
 # Folder of the files in the cache folder, and their maximum number; the oldest are removed
 # (assumed: 200 MB of preset cpu)
@@ -104,7 +105,7 @@ def load(
         return predictor
     is_float32_on_cpu = translator.device.type == "cpu" and not bf16
     obstacles = {
-        f"it {NEEDS_ONNX}": not _has_onnx(),
+        f"it {NEEDS_ONNX}": not all(map(find_spec, ONNX)),
         "it is used for counts from images": not config.is_image_to_counts,
         "it is used in float32 on the CPU only": not is_float32_on_cpu,
         "there is no writable folder for its file": cache_dir() is None,
@@ -115,10 +116,6 @@ def load(
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
     return predictor
-
-
-def _has_onnx() -> bool:
-    return all(map(find_spec, ("onnx", "onnxruntime")))
 
 
 def load_run(
@@ -157,7 +154,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path, force: bool = False) -
 
 def _export(run: TrainedTranslator, path: Path) -> float:
     run = run.need_counts("an ONNX file").in_float32()
-    if not _has_onnx():
+    if not all(map(find_spec, ONNX)):
         raise T2TwinError(f"the export {NEEDS_ONNX}")
     preset = run.config.preset
     shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
@@ -309,9 +306,8 @@ def _key(run: TrainedTranslator) -> str:
     taxels, full_scale = run.config.data.array.taxels, run.config.data.array.full_scale
     values = [each.tolist() for each in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm)]
     settings = run.config.model, run.config.preset, full_scale, values
-    files = [run.run_dir / name for name in (BEST, FRAME_CHECK)]
-    weights = [sha256_of(each) for each in files if each.is_file()]
-    known = hashlib.sha256(f"{weights}{settings}".encode())
+    files = [each for name in (BEST, FRAME_CHECK) if (each := run.run_dir / name).is_file()]
+    known = hashlib.sha256(f"{[*map(sha256_of, files)]}{settings}".encode())
     translate = Path(__file__).parents[1]
     for folder in ("inference", "models", "uncertainty"):
         for source in sorted((translate / folder).glob("*.py")):

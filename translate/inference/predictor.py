@@ -37,6 +37,7 @@ from t2twin.translate.data.images import (
     one_image,
     read_image,
     resized,
+    to_input,
 )
 from t2twin.translate.data.pairs import Pictures, TactilePictures
 from t2twin.translate.inference.estimate import (
@@ -49,7 +50,7 @@ from t2twin.translate.inference.estimate import (
 )
 from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.frame_check import FrameCheck
+from t2twin.translate.models.frame_check import FrameCheck, scores
 from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
@@ -65,7 +66,7 @@ from t2twin.translate.uncertainty.ood import (
 BATCH_SIZE = 64  # Images in one batch; bounds memory
 TACTILE_STD = "tactile_std"
 MAX_FIELDS = 100_000  # Maximum number of arrays that one call samples (assumed: 90 MB)
-FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contain 0 (assumed)
+FORCE_STDS = half_width(0.9)  # Half of the interval of a force that must not contain 0 (assumed)
 # Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
 # 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
 SURE = 3.0
@@ -145,7 +146,15 @@ class TrainedTranslator:
         source = self.config.data.source
         if source.value == COUNTS:
             self.need(background is None, "a background frame", "a field run")
-            counts = _checked_counts(readings, source)
+            counts = arguments.array(readings, "counts").astype(np.float32)
+            taxels, full_scale = source.x_mm.size, source.full_scale
+            is_one_per_taxel = counts.ndim in (1, 2) and counts.shape[-1] == taxels
+            if not is_one_per_taxel or not ((counts >= 0) & (counts <= full_scale)).all():
+                raise T2TwinError(
+                    f"counts of shape {counts.shape} are not readings of {source.layout}; they "
+                    f"must be ({taxels},) or (B, {taxels}), expected numbers from 0 to "
+                    f"{full_scale:,.0f}"
+                )
             pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
             return self.outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
@@ -177,7 +186,7 @@ class TrainedTranslator:
     ) -> tuple[Outputs, list[OODClass]]:  # fmt: skip
         """Predictions and (B,) classes of checked images, in one pass."""
         rows, columns, _ = self.config.data.camera.image_shape
-        pixels, aspect = self._pixels(frames, background), columns / rows
+        pixels, aspect = self.pixels_of(frames, background), columns / rows
         outputs = self.outputs(pixels, None, contact, True, tactile)
         both = zip(frames, self._classified(pixels, outputs), strict=True)
         return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]
@@ -195,10 +204,8 @@ class TrainedTranslator:
                 inputs = self.translator.to_input(batch.astype(np.float32) / WHITE_GREY)
                 tensors = self.translator.predict_all(inputs, contact, features)
                 if features and self.frame_check is not None:
-                    with torch.inference_mode():
-                        tensors |= self.frame_check.odds(
-                            tensors[FEATURES].cpu(), inputs[:, :COLORS]
-                        )
+                    given = tensors[FEATURES].cpu(), inputs[:, :COLORS]
+                    tensors |= self.frame_check.odds(*given)
                 if in_torch:
                     tensors |= self.translator.tactile_images(tensors)
                 outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
@@ -339,7 +346,7 @@ class TrainedTranslator:
         frames, is_one = image_list(images)
         arguments.whole_number(number, "number", low=1, high=MAX_FIELDS // max(1, len(frames)))
         arguments.check_seed(seed)
-        pixels = self._pixels(frames, background)
+        pixels = self.pixels_of(frames, background)
         found = self.translator.predict_all(
             self.translator.to_input(pixels.astype(np.float32) / WHITE_GREY)
         )
@@ -382,7 +389,7 @@ class TrainedTranslator:
         known = self.config.data.force_n
         if self.frame_check is None or not known or "force_n" not in outputs:
             return found
-        force_n, half = _force_and_half(outputs)
+        force_n, half = outputs["force_n"], FORCE_STDS * outputs["force_std_n"]
         too_low = (force_n > SURE * half) & (force_n < known[0])
         outside = (force_n > NEAR_HIGHEST * known[1]) | too_low
         touched = [has_frames and self._touched(frame.tobytes()) for frame in frames]
@@ -431,8 +438,7 @@ class TrainedTranslator:
 
     @cached_property
     def _small(self) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
-        """A background frame at the network's size, (S, S, 3), and whether it is noise. The last
-        one is kept, as it is the same for all frames of a unit."""
+        """A background frame at the network's size and whether it is noise; keeps the last one."""
         size, last = self.config.preset.size, (np.empty(0), np.empty(0), False)
 
         def small(frame: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -456,7 +462,9 @@ class TrainedTranslator:
             frame = np.frombuffer(content, np.uint8).reshape(size, size, COLORS)
             if check is None:
                 return UPRIGHT, 0.0
-            odds = check.transform_odds(np.stack([each.upright(frame) for each in orders]))
+            inputs = np.stack([each.upright(frame) for each in orders]) / np.float32(WHITE_GREY)
+            with torch.inference_mode():
+                odds = scores(check.transforms(to_input(inputs))).numpy()
             return orders[int(odds.argmin())], float(odds[0] - odds.min())  # the first is UPRIGHT
 
         return order
@@ -481,7 +489,7 @@ class TrainedTranslator:
             outputs = self.outputs(frame)
             if not known or "force_n" not in outputs:
                 return False
-            force_n, half = _force_and_half(outputs)
+            force_n, half = outputs["force_n"], FORCE_STDS * outputs["force_std_n"]
             return bool((force_n > known[0]) & (force_n > half))
 
         return touched
@@ -543,13 +551,8 @@ class TrainedTranslator:
         return replace(self, translator=self.translator.in_float32(), engine=None)
 
     def pixels_of(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
-        """The input of `predict_pixels`. Arguments and errors: as for `predict`."""
-        return self._pixels(image_list(images)[0], background)
-
-    def _pixels(
-        self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(B, S, S, c) uint8. frames: checked images. background: not checked."""
+        """The input of `predict_pixels`, (B, S, S, c). Arguments and errors: as for `predict`."""
+        frames = image_list(images)[0]
         pixels = resized(frames, self.config.preset.size, self.config.preset.grey)
         self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
         if background is None:
@@ -569,21 +572,3 @@ def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     """The slices of batches, with a progress bar of this title."""
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")
-
-
-def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) predicted forces and half widths of their intervals at FORCE_LEVEL, N."""
-    return outputs["force_n"], half_width(FORCE_LEVEL) * outputs["force_std_n"]
-
-
-def _checked_counts(counts: object, data: ArrayInfo) -> np.ndarray:
-    """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
-    found = arguments.array(counts, "counts").astype(np.float32)
-    taxels, full_scale = data.x_mm.size, data.full_scale
-    is_one_per_taxel = found.ndim in (1, 2) and found.shape[-1] == taxels
-    if not is_one_per_taxel or not ((found >= 0) & (found <= full_scale)).all():
-        raise T2TwinError(
-            f"counts of shape {found.shape} are not readings of {data.layout}; they must be "
-            f"({taxels},) or (B, {taxels}), expected numbers from 0 to {full_scale:,.0f}"
-        )
-    return found

@@ -168,8 +168,7 @@ class FromPixels(nn.Module):
     """A whole prediction in float32 on the CPU, ready for tracing.
 
     From pixels in [0, 1], (B, c, S, S), and the background frame of a field run, (1, 3, S, S), to
-    the counts, the tactile images and the other predictions, and the odds of a frame check, if any.
-    `names` then names these.
+    the counts, the tactile images, the other predictions and a check's odds. `names` names these.
     """
 
     mean: torch.Tensor

@@ -19,7 +19,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from t2twin.translate.data.images import COLORS, to_input
+from t2twin.translate.data.images import COLORS
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 KINDS, TRANSFORMS = "frame_odds", "transform_odds"  # Names of the networks' outputs
@@ -72,12 +72,10 @@ class FrameCheck(nn.Module):
         self.register_buffer("limits", torch.full((3,), torch.inf))
         self.transforms = TransformNet()
 
-    def set_limit(
-        self, which: int, right: torch.Tensor, refused_share: float, margin: float = 0.0
-    ) -> None:
+    def set_limit(self, which: int, right: torch.Tensor, share: float, margin: float = 0.0) -> None:
         """Sets a limit from the scores of right frames, a share of which is above it without the
         margin."""
-        limit = torch.quantile(right, 1.0 - refused_share) + margin
+        limit = torch.quantile(right, 1.0 - share) + margin
         self.limits[which] = limit.clamp(min=MIN_LIMIT)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
@@ -98,21 +96,14 @@ class FrameCheck(nn.Module):
 
         odds: as `odds` returns them. has_background: whether they are of frames with backgrounds.
         """
+        limits, found = self.limits.tolist(), []
+        of_kinds = limits[WITH if has_background else WITHOUT]
+        for each, limit in ((odds[KINDS], of_kinds), (odds[TRANSFORMS], limits[TRANSFORMED])):
+            kinds = np.where(each[:, 0] > limit, 1 + each[:, 1:].argmax(axis=1), 0)
+            found.append([CLASSES[kind] for kind in kinds])
         transforms = CLASSES[1 : 1 + len(INVERSE_TRANSFORMS)]
-        kinds = self._named(odds[KINDS], WITH if has_background else WITHOUT)
-        both = zip(kinds, self._named(odds[TRANSFORMS], TRANSFORMED), strict=True)
+        both = zip(*found, strict=True)
         return [b if b in transforms and a in (RIGHT, *transforms) else a for a, b in both]
-
-    def transform_odds(self, images: np.ndarray) -> np.ndarray:
-        """(B,) logarithms of the odds that images, (B, S, S, 3) uint8, are transformed, by the
-        second network."""
-        with torch.inference_mode():
-            return scores(self.transforms(to_input(images / np.float32(255.0)))).numpy()
-
-    def _named(self, odds: np.ndarray, which: int) -> list[OODClass]:
-        """(B,) classes by one network and its limit."""
-        wrong, kinds = odds[:, 0] > float(self.limits[which]), 1 + odds[:, 1:].argmax(axis=1)
-        return [CLASSES[k if bad else 0] for k, bad in zip(kinds, wrong, strict=True)]
 
 
 class TransformNet(nn.Module):

@@ -136,7 +136,14 @@ def train(
     a folder with another run, and a loss that is not finite.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
-    _check_limits(epochs, minutes, steps, seed)
+    for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, presets.MAX_EPOCHS)):
+        if value is not None:
+            arguments.whole_number(value, name, 1, most)
+    if steps is not None and epochs is not None:
+        raise T2TwinError("epochs and steps are both given; expected at most one of them")
+    if minutes is not None and arguments.number(minutes, "minutes") <= 0:
+        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
+    check_seed(seed)
     settings, name = for_steps(presets.find_preset(model, preset), steps), cast(Model, model)
     reverse = presets.is_reverse(direction, **read_info(data_dir).values)
     info = load_info(data_dir, reverse)
@@ -262,18 +269,6 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
             "folder, or remove this one to train again"
         )
     return None
-
-
-def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
-    """Raises T2TwinError for limits and seeds out of range, and for epochs with steps."""
-    for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, presets.MAX_EPOCHS)):
-        if value is not None:
-            arguments.whole_number(value, name, 1, most)
-    if steps is not None and epochs is not None:
-        raise T2TwinError("epochs and steps are both given; expected at most one of them")
-    if minutes is not None and arguments.number(minutes, "minutes") <= 0:
-        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
-    check_seed(seed)
 
 
 def for_steps(preset: Preset, steps: int | None) -> Preset:
