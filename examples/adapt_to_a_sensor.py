@@ -54,6 +54,6 @@ if __name__ == "__main__":
         background, presses = simulate(given.out.parent / "stand_ins", 16)
     if given.calibrate_only:
         report = t2twin.calibrate(background, presses, given.ball_diameter_mm, tolerance=None)
-        print(f"held-out presses: {report.scores.calibrated.psnr_db:.1f} dB")
+        print(f"held-out presses: {report.scores['calibrated'].psnr_db:.1f} dB")
     else:
         t2twin.adapt(background, presses, given.ball_diameter_mm, given.out, minutes=given.minutes)

@@ -84,14 +84,13 @@ def tessellate_symmetric(
 def keypoint_transform(name: str) -> np.ndarray:
     """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
     tool, _, at = name.partition("/")
-    keypoint = next(each for each in tools.KEYPOINTS[tool] if each.name == at)
+    point_mm, (x, y, cosine) = tools.KEYPOINTS[tool][at]
     # The smallest rotation of its direction to +z (Rodrigues), the point to 0; none is downward.
-    x, y, cosine = keypoint.direction
     skew = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
     turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
     transform = np.eye(4)
     transform[:3, :3] = turn
-    transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
+    transform[:3, 3] = -turn @ np.asarray(point_mm)
     return transform
 
 

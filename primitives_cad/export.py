@@ -5,7 +5,6 @@ Tops and plates have one color in pyrender, which has no shading of creases (0.1
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +84,10 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
         about = {
             "split": "test",
             "spacing_mm": catalogue.OBJECT_SPACING_MM,
-            "keypoints": [asdict(keypoint) for keypoint in tools.KEYPOINTS[name]],
+            "keypoints": [
+                {"name": at, "point_mm": point_mm, "direction": direction}
+                for at, (point_mm, direction) in tools.KEYPOINTS[name].items()
+            ],
         }
     else:
         shape = catalogue.load(name)
@@ -142,7 +144,7 @@ def draw_sheet(path: str | Path) -> Path:
     pen = ImageDraw.Draw(page)
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS)
     for name in Progress(names, desc="contact sheet", unit="shape"):
-        points = ()
+        points = {}
         if name in catalogue.PRIMITIVES:
             index = catalogue.PRIMITIVES.index(name)
             # One column for each family, one row for each version.
@@ -153,18 +155,18 @@ def draw_sheet(path: str | Path) -> Path:
             corner = (column * width // len(catalogue.TOOLS), rows * TILE_PX[1])
             mesh, view, size, color = catalogue.tool_mesh(name), TOOL_VIEWS[name], TOOL_PX, STEEL
             points = tools.KEYPOINTS[name]
-        tile, places = draw(mesh, view, size, color, [point.point_mm for point in points])
+        tile, places = draw(mesh, view, size, color, [point for point, _ in points.values()])
         page.paste(Image.fromarray(tile), corner)
         at = (corner[0] + size[0] / 2, corner[1] + size[1] - LABEL_PX)
         pen.text(at, name, fill=INK, font=ImageFont.load_default(LABEL_PX), anchor="mm")
-        for point, (x, y) in zip(points, places, strict=True):
+        for label, (x, y) in zip(points, places, strict=True):
             # A dot, and its name outwards where there is space.
             font, (at_x, at_y) = ImageFont.load_default(KEYPOINT_PX), np.add(corner, (x, y))
             pen.circle((at_x, at_y), 5, fill=MARK, outline="white")
-            wide = font.getlength(point.name) + 24
+            wide = font.getlength(label) + 24
             left = x > TOOL_PX[0] - wide or wide < x < TOOL_PX[0] / 2
             place, anchor = (at_x - 10 if left else at_x + 10, at_y), "rm" if left else "lm"
-            pen.text(place, point.name, MARK, font, anchor, stroke_width=3, stroke_fill="white")
+            pen.text(place, label, MARK, font, anchor, stroke_width=3, stroke_fill="white")
     path = Path(path)
     with result_folder(path.parent, path.name, [path.name]) as temporary:
         page.save(temporary / path.name, format="PNG")

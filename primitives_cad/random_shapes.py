@@ -4,6 +4,7 @@ All distributions are assumed. They cover the edges, faces, ends, ribs and tips 
 from 0.5 mm to beyond both sensors. The height of a composition is the maximum over its features.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -105,26 +106,23 @@ class Feature:
         return self.radius_mm + self.half_width_mm
 
 
-@dataclass(frozen=True)
-class Composition:
-    """What a random shape consists of."""
-
-    features: tuple[Feature, ...]
-    cuts: tuple[tuple[float, float], ...]  # planes' directions, rad, and distances, mm
-    holes: tuple[tuple[float, float, float], ...]  # x, y and radius, mm
-    tilt: tuple[float, float]  # slope along x and y, mm per mm
+Cut = tuple[float, float]
+Hole = tuple[float, float, float]
+Composition = tuple[Sequence[Feature], Sequence[Cut], Sequence[Hole], tuple[float, float]]
+"""Features of a random shape; planes that cut it, by direction, rad, and distance, mm; holes, by x,
+y and radius, mm; slope along x and y, mm per mm."""
 
 
 def random_shape(seed: int) -> Shape:
     """The random shape of a seed; its solid is made at the first use."""
-    composition, surface = sample(seed)
-    tilt_deg = float(np.degrees(np.arctan(np.hypot(*composition.tilt))))
+    (features, _, _, tilt), surface = sample(seed)
+    tilt_deg = float(np.degrees(np.arctan(np.hypot(*tilt))))
     return Shape(
         name=f"{RANDOM_PREFIX}{seed}",
         solid=partial(solid_under, surface),
         surface=surface,
         spacing_mm=SPACING_MM,
-        parameters={"features": float(len(composition.features)), "tilt_deg": tilt_deg},
+        parameters={"features": float(len(features)), "tilt_deg": tilt_deg},
         base_mm=-BASE_DEPTH_MM,
         is_under_surface=True,
     )
@@ -181,7 +179,8 @@ def sample_composition(rng: np.random.Generator) -> Composition:
     features: list[Feature] = []
     for _ in range(count):
         features.append(_sample_feature(rng, features[0] if features else None))
-    cuts, holes = [], []
+    cuts: list[Cut] = []
+    holes: list[Hole] = []
     if rng.random() < CUT_SHARE:
         cuts.append((float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.normal(0.0, CUT_OFFSET_MM))))
     if rng.random() < HOLE_SHARE:
@@ -191,7 +190,7 @@ def sample_composition(rng: np.random.Generator) -> Composition:
     if rng.random() < TILT_SHARE:
         slope = float(np.tan(np.radians(rng.uniform(0.0, MAX_TILT_DEG))))
     tilt = (slope * float(np.cos(direction)), slope * float(np.sin(direction)))
-    return Composition(tuple(features), tuple(cuts), tuple(holes), tilt)
+    return features, cuts, holes, tilt
 
 
 def _sample_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
@@ -273,19 +272,20 @@ def _log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float
 def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Heights over two axes of one spacing, (ny, nx) float32, mm; the highest is not yet at 0."""
     heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
-    for feature in composition.features:
+    features, cuts, holes, tilt = composition
+    for feature in features:
         rows, columns = (
             slice(*np.searchsorted(axis, (middle - feature.reach_mm, middle + feature.reach_mm)))
             for axis, middle in ((y_mm, feature.y_mm), (x_mm, feature.x_mm))
         )
         part, x, y = heights[rows, columns], x_mm[columns], y_mm[rows]
         at, below = _surface(feature, x - feature.x_mm, (y - feature.y_mm)[:, None])
-        raised = -below + composition.tilt[0] * x[at[1]] + composition.tilt[1] * y[at[0]]
+        raised = -below + tilt[0] * x[at[1]] + tilt[1] * y[at[0]]
         part[at] = np.maximum(part[at], raised.astype(np.float32))
     x, y = x_mm, y_mm[:, None]
-    for angle, apart in composition.cuts:
+    for angle, apart in cuts:
         heights[np.cos(angle) * x + np.sin(angle) * y > apart] = NOTHING_MM
-    for middle_x, middle_y, radius in composition.holes:
+    for middle_x, middle_y, radius in holes:
         heights[np.hypot(x - middle_x, y - middle_y) < radius] = NOTHING_MM
     return heights
 

@@ -76,15 +76,6 @@ class HeightMap(Record):
         )
 
 
-@dataclass(frozen=True)
-class Keypoint:
-    """A named place and direction at which a tool is pressed, in the tool's own frame."""
-
-    name: str
-    point_mm: tuple[float, float, float]
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit vector out of the tool
-
-
 @dataclass(frozen=True, eq=False)
 class Shape(Record):
     """A named solid with its pressing surface, in the shape frame, mm.

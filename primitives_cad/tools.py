@@ -9,8 +9,6 @@ from typing import Any
 
 import cadquery as cq
 
-from t2twin.primitives_cad.shape import Keypoint
-
 CHORDAL_MM = {"pliers": 0.0025}  # the error along their handles is larger than requested (measured)
 UP = (0.0, 0.0, 1.0)
 Point = tuple[float, float]  # x, y, mm
@@ -361,38 +359,40 @@ SLOT = radians(SLOT_TURN_DEG)
 _jaw_point = partial(_turned, angle_deg=PLIERS_OPENING_DEG)
 _blade_point = partial(_turned, angle_deg=SCISSORS_OPENING_DEG)
 
-KEYPOINTS = {
-    "pliers": (
-        Keypoint("jaw-tip", (*_jaw_point(-JAW_TIP_WIDTH_MM / 2.0, JAW_TIP_MM), 0.0),
-                 (*_jaw_point(0.0, 1.0), 0.0)),
-        Keypoint("teeth", (*_jaw_point(-2.2, 36.0), PLIERS_TOP_MM)),
-        Keypoint("pivot", (0.0, 0.0, PLIERS_TOP_MM + RIVET_HEIGHT_MM)),
-        Keypoint("handle", (*_jaw_point(*SLEEVE_AT_MM), SLEEVE_THICKNESS_MM / 2.0)),
-    ),
-    "clamp": (
-        Keypoint("screw", (0.0, CREST_AT_MM, CREST_RADIUS_MM)),
-        Keypoint("pad", (0.0, (PAD_FROM_MM + PAD_TO_MM) / 2.0, PAD_RADIUS_MM)),
-        Keypoint("frame", (SPINE_MIDDLE_MM, 27.0, FRAME_THICKNESS_MM / 2.0 - WEB_DEPTH_MM)),
-        Keypoint("handle", (BAR_HALF_LENGTH_MM + BALL_RADIUS_MM, BAR_AT_MM, 0.0), (1.0, 0.0, 0.0)),
-    ),
-    "scissors": (
-        Keypoint("blade-tip", (*_blade_point(-1.7, 66.0), BLADE_THICKNESS_MM)),
-        Keypoint("blade-back", (*_blade_point(*SPINE[0]), BLADE_THICKNESS_MM / 2.0),
-                 (*_blade_point(-0.9950, 0.0995), 0.0)),
-        Keypoint("pivot", (-2.4 * sin(SLOT), 2.4 * cos(SLOT), SCREW_TOP_MM)),
-        Keypoint("ring", (*_blade_point(RING_SIDE_MM, RING_AT_MM[1]), HANDLE_THICKNESS_MM / 2.0)),
-    ),
-    "allen-key": (
-        Keypoint("long-arm", (62.0, 0.0, KEY_FLAT_MM)),
-        Keypoint("bend", (BEND_MIDDLE_MM, BEND_MIDDLE_MM, KEY_FLAT_MM)),
-        Keypoint("short-end", (0.0, SHORT_ARM_MM, 0.0), (0.0, 1.0, 0.0)),
-        Keypoint("ridge", (56.0, -KEY_CORNER_MM, 0.0), (0.0, -1.0, 0.0)),
-    ),
-    "wrench": (
-        Keypoint("ring", (-(NUT_CORNER_MM + RING_RADIUS_MM) / 2.0, 0.0, RING_THICKNESS_MM / 2.0)),
-        Keypoint("open-end", (*_at_head(3.5, -10.0), HEAD_THICKNESS_MM / 2.0)),
-        Keypoint("shank", (70.0, 0.0, SHANK_THICKNESS_MM / 2.0 - PANEL_DEPTH_MM)),
-        Keypoint("jaw-end", (*_at_head(JAW_LENGTH_MM, 8.4), 0.0),
-                 (*_turned(1.0, 0.0, TILT_DEG), 0.0)),
-    ),
+UP = (0.0, 0.0, 1.0)
+# Places and directions, unit vectors outwards, at which tools are pressed, in their own frames
+KEYPOINTS: dict[str, dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]]] = {
+    "pliers": {
+        "jaw-tip": ((*_jaw_point(-JAW_TIP_WIDTH_MM / 2.0, JAW_TIP_MM), 0.0),
+                    (*_jaw_point(0.0, 1.0), 0.0)),
+        "teeth": ((*_jaw_point(-2.2, 36.0), PLIERS_TOP_MM), UP),
+        "pivot": ((0.0, 0.0, PLIERS_TOP_MM + RIVET_HEIGHT_MM), UP),
+        "handle": ((*_jaw_point(*SLEEVE_AT_MM), SLEEVE_THICKNESS_MM / 2.0), UP),
+    },
+    "clamp": {
+        "screw": ((0.0, CREST_AT_MM, CREST_RADIUS_MM), UP),
+        "pad": ((0.0, (PAD_FROM_MM + PAD_TO_MM) / 2.0, PAD_RADIUS_MM), UP),
+        "frame": ((SPINE_MIDDLE_MM, 27.0, FRAME_THICKNESS_MM / 2.0 - WEB_DEPTH_MM), UP),
+        "handle": ((BAR_HALF_LENGTH_MM + BALL_RADIUS_MM, BAR_AT_MM, 0.0), (1.0, 0.0, 0.0)),
+    },
+    "scissors": {
+        "blade-tip": ((*_blade_point(-1.7, 66.0), BLADE_THICKNESS_MM), UP),
+        "blade-back": ((*_blade_point(*SPINE[0]), BLADE_THICKNESS_MM / 2.0),
+                       (*_blade_point(-0.9950, 0.0995), 0.0)),
+        "pivot": ((-2.4 * sin(SLOT), 2.4 * cos(SLOT), SCREW_TOP_MM), UP),
+        "ring": ((*_blade_point(RING_SIDE_MM, RING_AT_MM[1]), HANDLE_THICKNESS_MM / 2.0), UP),
+    },
+    "allen-key": {
+        "long-arm": ((62.0, 0.0, KEY_FLAT_MM), UP),
+        "bend": ((BEND_MIDDLE_MM, BEND_MIDDLE_MM, KEY_FLAT_MM), UP),
+        "short-end": ((0.0, SHORT_ARM_MM, 0.0), (0.0, 1.0, 0.0)),
+        "ridge": ((56.0, -KEY_CORNER_MM, 0.0), (0.0, -1.0, 0.0)),
+    },
+    "wrench": {
+        "ring": ((-(NUT_CORNER_MM + RING_RADIUS_MM) / 2.0, 0.0, RING_THICKNESS_MM / 2.0), UP),
+        "open-end": ((*_at_head(3.5, -10.0), HEAD_THICKNESS_MM / 2.0), UP),
+        "shank": ((70.0, 0.0, SHANK_THICKNESS_MM / 2.0 - PANEL_DEPTH_MM), UP),
+        "jaw-end": ((*_at_head(JAW_LENGTH_MM, 8.4), 0.0),
+                    (*_turned(1.0, 0.0, TILT_DEG), 0.0)),
+    },
 }  # fmt: skip

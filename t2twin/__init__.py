@@ -15,9 +15,9 @@ import sys
 
 import lazy_loader
 
-from t2twin.mujoco_gl import EglRepair
+from t2twin import mujoco_gl
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-sys.meta_path.insert(0, EglRepair)
+sys.meta_path.insert(0, mujoco_gl)

@@ -8,7 +8,7 @@ from typing import ParamSpec, TypeVar
 
 from t2twin.core import arguments
 from t2twin.core.errors import warn
-from t2twin.core.frame_order import UPRIGHT, FrameOrder
+from t2twin.core.frame_order import FrameOrder
 from t2twin.sim.calibrate import calibrate as fits
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.optical.camera import Camera
@@ -26,11 +26,8 @@ def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: s
     for name in pretrained_runs():
         config = load_config(resolve_run(name))
         is_own = config.data.camera.name == sensor and config.has_uncertainty
-        if is_own and load_run(name).order_of(frame) != UPRIGHT:
-            found = str(load_run(name).order_of(read_frame(path))) or "upright"
-            way = "options of commands; FrameOrder of functions"
-            unlike = f", not {order}" if order != UPRIGHT else ""
-            return [f"{path} is probably stored in the order {found}{unlike} ({way})"]
+        if is_own and (stored := load_run(name).stored((), frame, (), order)):
+            return [f"{path}: {stored}"]
     return contact_warnings(frame, str(path), sensor)
 
 

@@ -17,7 +17,6 @@ from t2twin.adaptation.real_frame_evaluation import (
     TRAINED,
     AdaptationScores,
     References,
-    RunScores,
     choose,
     evaluate_frames,
     publish,
@@ -93,8 +92,7 @@ def test_the_reference_has_the_pose_found_in_the_frame():
 
 
 def scores_of(real, simulated, refused=0):
-    each = [AdaptationScores(rmse, 0.1, 7, 0.05, 90.0, None, refused) for rmse in (real, simulated)]
-    return RunScores(*each, background_counts=0.0)
+    return [AdaptationScores(rmse, 0.1, 7, 0.05, 90.0, None, refused) for rmse in (real, simulated)]
 
 
 @pytest.mark.parametrize(
@@ -113,12 +111,12 @@ def test_the_more_accurate_run_is_published(tmp_path, real, simulated, refused, 
         folder.mkdir()
         (folder / "best.safetensors").write_text(name)
         (folder / "README.md").write_text(f"# {name}\n\n## Limits\n")
-    scores = {TRAINED: scores_of(real, simulated, refused)}
-    assert choose(scores) == TRAINED
-    scores[INITIAL] = scores_of(0.8, 0.5, 1)
-    assert choose(scores) == kept
+    on_real, on_simulated = ({TRAINED: each} for each in scores_of(real, simulated, refused))
+    assert choose(on_real, on_simulated) == TRAINED
+    on_real[INITIAL], on_simulated[INITIAL] = scores_of(0.8, 0.5, 1)
+    assert choose(on_real, on_simulated) == kept
     for _ in range(2):  # an interrupted adaptation publishes again
-        publish(folders[kept], kept, scores, tmp_path / "field")
+        publish(folders[kept], kept, on_real, on_simulated, tmp_path / "field")
     assert (tmp_path / "field" / "best.safetensors").read_text() == kept
     card = (tmp_path / "field" / "README.md").read_text()
     assert card.count(f"This is the {kept} run") == 1 and card.startswith(f"# {kept}")
@@ -180,10 +178,10 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(pipeline.STEPS)
     assert adapted.optics_psnr_db > 32
     # the frames are the twin's own, so that only the fitted light lies between both
-    for scores in adapted.runs.values():
-        apart = scores.real.rmse_percent - scores.simulated.rmse_percent
+    for name, real in adapted.real.items():
+        apart = real.rmse_percent - adapted.simulated[name].rmse_percent
         assert abs(apart) < 0.2 * adapted.zero_rmse_percent
-        coverage = scores.real.interval_coverage_percent
+        coverage = real.interval_coverage_percent
         assert coverage is not None and 0.0 < coverage <= 100.0
     folders = {
         TRAINED: out / "averaged" / "field", INITIAL: HOME / "field", "own": out / "training/field",
@@ -213,7 +211,7 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     page = (out / "index.html").read_text()
     assert "Uncertainty" in page and all(press.name in page for press in uncertainty.presses)
     assert page.count("data:image/png") == HELD_OUT
-    assert f"{adapted.scores.real.rmse_percent:.2f} %" in page
+    assert f"{adapted.real[adapted.kept].rmse_percent:.2f} %" in page
 
 
 @pytest.mark.exhaustive

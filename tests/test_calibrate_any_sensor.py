@@ -77,7 +77,7 @@ def test_light_from_elsewhere_in_other_colors_is_found():
     train, test = list(range(count - HELD_OUT)), list(range(count - HELD_OUT, count))
     training = calibration.cleaned(presses, train)
     fitted = calibration.fit_presses(training, sensor.camera)
-    assert evaluate(presses, test, training, fitted).scores.calibrated.psnr_db > 29.5
+    assert evaluate(presses, test, training, fitted).scores["calibrated"].psnr_db > 29.5
     geometry = fitted.geometry
     true = np.radians([led.angle_deg for led in unit.spec.light.leds])
     found = np.radians(geometry.values[: geometry.count])
@@ -195,5 +195,5 @@ def test_printed_markers_are_filled_in(tmp_path, monkeypatch):
     monkeypatch.setattr(fit, "MAX_STEPS", 1)
     with pytest.warns(T2TwinWarning, match="printed markers"):
         report = calibrate(folder / "background.png", folder, BALL_MM, tolerance=None, sensor=plain)
-    assert report.scores.calibrated.psnr_db > report.scores.cut_and_paste.psnr_db + 4
+    assert report.scores["calibrated"].psnr_db > report.scores["cut_and_paste"].psnr_db + 4
     np.testing.assert_allclose(report.optics.background, without[0], atol=30)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 from waiting import wait_until
@@ -14,7 +15,7 @@ from waiting import wait_until
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import generate
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.shard import ShardContext, make_shard_in_worker
+from t2twin.sim.dataset.shard import make_shard_in_worker
 from t2twin.sim.dataset.store import INFO, LOG, read_info, verify_dataset
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
@@ -90,14 +91,15 @@ def test_what_a_cluster_lacks_is_named(tmp_path, shape_cache, monkeypatch):
             make_dataset(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                          scheduler=address)  # fmt: skip
         assert not (tmp_path / "none").exists()
-    recipe, needed = load_recipe("paper"), {"numpy": "1.0"}
+    recipe = load_recipe("paper")
     batches = plan(recipe, SHAPES[:1])
-    context = ShardContext(recipe, SensorPair(), str(tmp_path), str(shape_cache), needed)
+    monkeypatch.setattr(generate, "versions", lambda: {"numpy": "1.0"})
+    make = partial(generate.make_shard, recipe, SensorPair(), tmp_path, shape_cache)
     with (
         scheduler() as address,
         worker(address, tmp_path),
         pytest.raises(T2TwinError, match="has numpy"),
     ):
-        list(generate._results(context, batches, 1, address))
+        list(generate._results(tmp_path, make, batches, 1, address))
     with pytest.raises(T2TwinError, match="use a folder that all workers share"):
         make_shard_in_worker(str(tmp_path / "elsewhere"), batches[0])

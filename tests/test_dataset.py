@@ -71,7 +71,7 @@ def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, sh
     shutil.copytree(made, folder)
     assert verify_dataset(folder) == []
     flip_a_bit(folder / "train/square-1.parquet")
-    assert [fault.part for fault in verify_dataset(folder)] == ["train/square-1.parquet"]
+    assert [path for path, _ in verify_dataset(folder)] == ["train/square-1.parquet"]
     others = [path for path in folder.rglob("*.parquet") if path.name != "square-1.parquet"]
     before = [path.stat().st_mtime_ns for path in others]
     make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
@@ -94,7 +94,7 @@ def test_an_interrupt_leaves_whole_shards_and_no_processes(made, tmp_path, shape
     assert 0 < len(whole) < len(SHAPES) and read_info(folder).shards == {}
     with pytest.raises(T2TwinError, match="unfinished"):
         read_split(folder, "train")
-    assert "info.json: the dataset is unfinished" in map(str, verify_dataset(folder))
+    assert ("info.json", "the dataset is unfinished") in verify_dataset(folder)
     make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert {path: path.stat().st_mtime_ns for path in whole} == whole
     assert digests(folder) == digests(made)

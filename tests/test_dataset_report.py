@@ -1,6 +1,5 @@
 """The report of a dataset alone: what it holds."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ from pages import read_page
 
 from t2twin.cli import main
 from t2twin.report import dataset_report
-from t2twin.report.dataset_report import MIN_CONTACT_SHARE, read_dataset
+from t2twin.report.dataset_report import MIN_CONTACT_SHARE, read_dataset, touched
 from t2twin.report.page import PAGE
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors.pair import SensorPair
@@ -58,15 +57,14 @@ def test_any_two_sensors_have_a_page(
 
 def test_contact_is_found_over_the_noise_at_rest(small_dataset: Path) -> None:
     """The recorded noise of some taxels is over the least share of full scale."""
-    array = read_dataset(small_dataset).array
-    assert array.touched.all()
+    dataset = read_dataset(small_dataset)
+    array = dataset.info.array
+    assert touched(array, dataset.readings["target"]).all()
     rng = np.random.default_rng(0)
-    flaws, reading = array.info.imperfections, array.info.reading
+    flaws, reading = array.imperfections, array.reading
     assert flaws is not None
-    at_rest = [
-        read_after(None, np.zeros(20), array.info.taxels, flaws, reading, rng)[0]
-        for _ in range(100)
-    ]
-    rest = replace(array, counts=np.stack(at_rest))
-    assert rest.counts.max() > MIN_CONTACT_SHARE * array.info.full_scale_counts
-    assert rest.touched.mean() <= 0.02  # 0.6 % of many samples
+    at_rest = np.stack(
+        [read_after(None, np.zeros(20), array.taxels, flaws, reading, rng)[0] for _ in range(100)]
+    )
+    assert at_rest.max() > MIN_CONTACT_SHARE * array.full_scale_counts
+    assert touched(array, at_rest).mean() <= 0.02  # 0.6 % of many samples

@@ -16,7 +16,7 @@ from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical import pyrender_renderer, response
 from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.markers import INK_REFLECTANCE, MarkerImage
+from t2twin.sim.optical.markers import INK_REFLECTANCE
 from t2twin.sim.sensors.files import load_sensor
 
 DIGIT: Any = load_sensor("digit")
@@ -28,6 +28,7 @@ FLAT_GEL = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.in
 GAMMA = 2.2
 HALF = 10  # half the side of a window around a marker, px
 MARKERS = Markers().printed(CAMERA)
+AT_REST = CAMERA, FLAT_GEL, FLAT, GAMMA
 
 
 def uniform(x_mm: float, y_mm: float) -> SurfaceShift:
@@ -111,10 +112,9 @@ def test_invalid_patterns_are_refused(given, message):
 
 
 def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
-    image = MarkerImage(MARKERS, CAMERA, FLAT_GEL, FLAT, GAMMA)
     area = np.pi * (MARKERS.diameter_mm / 2 * CAMERA.scale_px_per_mm) ** 2
     for shift in np.random.default_rng(0).uniform(-0.1, 0.1, (20, 2)):
-        dark = covered(image.shade(FLAT, uniform(*shift)))
+        dark = covered(MARKERS.shade(*AT_REST, FLAT, uniform(*shift)))
         sums, _, _ = spots(dark, seen(MARKERS.rest_mm + shift, FLAT_GEL))
         assert sums.size > 60
         np.testing.assert_allclose(sums, area, rtol=2e-3)
@@ -123,8 +123,7 @@ def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
 def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
     gradient = np.array([[0.3, 0.4], [-0.1, -0.2]])  # du/dX
     values = np.einsum("ij,jyx->iyx", gradient, np.stack(np.meshgrid(X_MM, Y_MM)))
-    image = MarkerImage(MARKERS, CAMERA, FLAT_GEL, FLAT, GAMMA)
-    dark = covered(image.shade(FLAT, SurfaceShift(X_MM, Y_MM, values)))
+    dark = covered(MARKERS.shade(*AT_REST, FLAT, SurfaceShift(X_MM, Y_MM, values)))
     radius_px = MARKERS.diameter_mm / 2 * CAMERA.scale_px_per_mm
     deformation = np.eye(2) + gradient
     middle = dark[ROWS // 2 - HALF : ROWS // 2 + HALF, COLUMNS // 2 - HALF : COLUMNS // 2 + HALF]

@@ -12,7 +12,7 @@ from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.models.resnet18 import ResNet18, ResNet18Translator
-from t2twin.translate.models.touch2touch import PatchGAN, Touch2Touch, UNet
+from t2twin.translate.models.touch2touch import Touch2Touch, UNet, patch_gan
 from t2twin.translate.runs.checkpoint import TRANSLATORS
 
 CPU = torch.device("cpu")
@@ -41,9 +41,9 @@ def test_unet_refuses_other_sizes(size: int) -> None:
 
 def test_patchgan_sees_70_pixels() -> None:
     """The gradient of one logit of the middle reaches a patch of 70 x 70 pixels and no more."""
-    network = PatchGAN(filters=4).eval()
+    network = patch_gan(2, 4).eval()
     image = torch.randn(1, 1, 256, 256, requires_grad=True)
-    logits = network(image, torch.zeros(1, 1, 256, 256))
+    logits = network(torch.cat([image, torch.zeros(1, 1, 256, 256)], dim=1))
     assert logits.shape == (1, 1, 30, 30)
     logits[0, 0, 15, 15].backward()
     assert image.grad is not None

@@ -12,7 +12,7 @@ from benchmarks.contact.oracle import kernel, solve
 from benchmarks.contact.solids import block, formula, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes import Composition, Feature, heights_mm, random_shape
+from t2twin.primitives_cad.random_shapes import Feature, heights_mm, random_shape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape, ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -174,7 +174,7 @@ def test_a_tip_that_is_pressed_almost_through_settles():
     """Where the cover is stiffened hundredfold, the pins' springs have to stiffen with it."""
     disc = Feature("disc", "flat", 1.1177252166700975, -0.1939833513668679, 0.0, 0.5259123882416146)
     axis = np.arange(-321, 322) * 0.1
-    heights = heights_mm(Composition((disc,), (), (), (0.0, 0.0)), axis, axis)
+    heights = heights_mm(([disc], [], [], (0.0, 0.0)), axis, axis)
     heights = np.maximum(heights, np.float32(-8.0))
     heights[[0, -1]] = heights[:, [0, -1]] = NOTHING_MM
     surface = HeightMap(heights, axis, axis)

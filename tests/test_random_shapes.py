@@ -8,7 +8,6 @@ from t2twin.primitives_cad import catalogue, height_map, random_shapes
 from t2twin.primitives_cad.random_shapes import (
     BASE_DEPTH_MM,
     PITCH_MM,
-    Composition,
     Feature,
     heights_mm,
     random_shape,
@@ -20,7 +19,7 @@ AXIS = np.arange(-200, 201) * 0.1
 
 
 def heights_of(*parts, cuts=(), holes=(), tilt=(0.0, 0.0)):
-    return heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
+    return heights_mm((parts, cuts, holes, tilt), AXIS, AXIS)
 
 
 def area_mm2(heights):
@@ -144,14 +143,14 @@ def test_cuts_holes_tilt_and_teeth():
 def test_what_is_drawn_is_of_every_kind():
     rng = np.random.default_rng(0)
     drawn = [random_shapes.sample_composition(rng) for _ in range(600)]
-    parts = [feature for composition in drawn for feature in composition.features]
+    parts = [feature for features, *_ in drawn for feature in features]
     assert {each.outline for each in parts} == {"bar", "half-plane", "disc", "ring", "polygon"}
     assert {each.profile for each in parts} == {"flat", "rounded", "rod", "wedge"}
     assert {each.teeth for each in parts} == {"none", "pointed", "square"}
-    assert {len(composition.features) for composition in drawn} == {1, 2, 3, 4}
+    assert {len(features) for features, *_ in drawn} == {1, 2, 3, 4}
     widths = 2 * np.array([feature.half_width_mm for feature in parts])
     assert widths.min() < 0.6 and widths[np.isfinite(widths)].max() > 30
-    assert any(composition.holes for composition in drawn)
+    assert any(holes for _, _, holes, _ in drawn)
     assert any(feature.radius_mm for feature in parts if feature.outline == "bar")
 
 

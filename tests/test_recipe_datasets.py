@@ -195,7 +195,7 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
 
 def test_draws_keep_to_their_distributions():
     recipe = load_recipe("open")
-    drawn = [sample_press(recipe, 0, "random-0", n, MotionPath(k), 0).command for n in range(500)
+    drawn = [sample_press(recipe, 0, "random-0", n, MotionPath(k), 0)[0][0] for n in range(500)
              for k in range(4)]  # fmt: skip
     forces = np.array([command.force_n for command in drawn])
     assert 0.01 < (forces == 0).mean() < 0.035

@@ -10,7 +10,6 @@ from msgspec import structs
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import build_info, sensor_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
-from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sampling.plan import Batch
 from t2twin.sim.sampling.recipe import load_recipe
@@ -37,8 +36,7 @@ GONE = object()
 def info() -> DatasetInfo:
     """A finished dataset's, of one shard."""
     batch = Batch(SHARD, "train", 0, ("square-1",), (0,), (3, 5), 2)
-    making = ShardContext(load_recipe("paper"), SensorPair(), "", None, {})
-    begun = build_info(making, "smoke", [batch])
+    begun = build_info(load_recipe("paper"), SensorPair(), "smoke", [batch])
     return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
 
 

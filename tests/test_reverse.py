@@ -12,7 +12,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Examples, load_pairs
 from t2twin.translate.inference.load import export_onnx
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.models.touch2touch import ImageTranslator
+from t2twin.translate.models.touch2touch import Pix2Pix
 from t2twin.translate.runs.config import read_log
 from t2twin.translate.training.train import train
 
@@ -72,13 +72,13 @@ def test_what_cannot_be_counts_is_one_sentence(run_dir: Path, counts: np.ndarray
 
 def test_jitter_is_not_put_on_what_is_drawn(data_dir, tmp_path, monkeypatch):
     seen = []
-    step = ImageTranslator.step
+    step = Pix2Pix.step
 
-    def watched(self: ImageTranslator, examples: Examples) -> dict[str, torch.Tensor]:
+    def watched(self: Pix2Pix, examples: Examples) -> dict[str, torch.Tensor]:
         seen.append(examples.targets.numpy().copy())
         return step(self, examples)
 
-    monkeypatch.setattr(ImageTranslator, "step", watched)
+    monkeypatch.setattr(Pix2Pix, "step", watched)
     train("touch2touch", data_dir, replace(SMOKE, noise=0.1), tmp_path, epochs=1, direction=WAY)
     grey = np.concatenate(seen)
     np.testing.assert_array_equal(grey, np.rint(grey))

@@ -15,6 +15,7 @@ import multiprocessing
 import time
 from argparse import Namespace
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -36,13 +37,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sampling.plan import (
-    SEEDS_PER_RECIPE,
-    MotionPath,
-    PressSample,
-    path_attempts,
-    sample_force,
-)
+from t2twin.sim.sampling.plan import SEEDS_PER_RECIPE, MotionPath, path_attempts, sample_force
 from t2twin.sim.sampling.recipe import Recipe, load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch
@@ -173,10 +168,10 @@ def _press(
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
 
-    def press_it(shape: Shape, sample: PressSample) -> list[Touch]:
+    def press_it(shape: Shape, commands: Sequence[PressCommand], rng: Any) -> list[Touch]:
         nonlocal took_ms
         start = time.thread_time()
-        touch = sensors.press(shape, sample.command, sample.rng)
+        touch = sensors.press(shape, commands[0], rng)
         took_ms = 1e3 * (time.thread_time() - start)
         return [touch]
 

@@ -40,7 +40,7 @@ from t2twin.primitives_cad.catalogue import OBJECTS
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.gel_camera import ContactGrid
+from t2twin.sim.optical.gel_camera import depth_on
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -112,9 +112,9 @@ def _of_gradients(
     from benchmarks.networks.gradients import REDUCTION, DepthFromGradients
 
     camera = balls[0].sensor.camera
-    grid = ContactGrid(camera.rows // REDUCTION, camera.columns // REDUCTION, 1.0)
+    grid = camera.rows // REDUCTION, camera.columns // REDUCTION
     optics = balls[0].sensor.optics.camera
-    depths = np.stack([grid.depth_mm(each.contact, optics) for each in balls])
+    depths = np.stack([depth_on(grid, each.contact, optics) for each in balls])
     view_mm = camera.seen_half_extent_mm()
     found = np.empty_like(depths)
     for rotation in range(ROTATIONS):

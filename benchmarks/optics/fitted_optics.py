@@ -97,6 +97,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     return {
         "trained": report.trained,
         "held_out": held_out_names,
-        "scores": asdict(report.scores)
-        | {name: None if floor is None else asdict(floor) for name, floor in floors.items()},
+        "scores": {
+            name: None if each is None else asdict(each)
+            for name, each in (report.scores | floors).items()
+        },
     }

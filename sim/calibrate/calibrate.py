@@ -326,15 +326,6 @@ DEFAULT_TOLERANCE = Tolerance()
 
 
 @dataclass(frozen=True)
-class OpticsScores:
-    """Mean scores on the contact crops of the held-out frames."""
-
-    calibrated: images.Score  # of the simulated frames
-    cut_and_paste: images.Score  # of the training presses' mean change, moved to the held-out ones
-    do_nothing: images.Score  # of the background frame
-
-
-@dataclass(frozen=True)
 class HeldOutPress(images.Score):
     """A held-out press, and the score of its image, simulated with an optics file without it."""
 
@@ -351,7 +342,10 @@ class OpticsRecord:
     trained: list[str]  # names of the fitted frames
     repeated: list[str]  # and of excluded duplicates
     held_out: tuple[HeldOutPress, ...]
-    scores: OpticsScores
+    # Means on the contact crops of the held-out frames: "calibrated" of the simulated frames,
+    # "cut_and_paste" of the training presses' mean change, moved to the held-out ones, "do_nothing"
+    # of the background frame
+    scores: dict[str, images.Score]
     covered: float  # share of the gel in the image that contacts cover
     next_mm: list[tuple[float, float]]  # places of presses that would cover the rest, best first
     uncertainty: OpticsUncertainty | None = None  # bounds of depths and forces
@@ -469,11 +463,9 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
     )
     pasted = images.cut_and_paste(presses.background, training.frames, from_px, to_px)
     still = np.broadcast_to(presses.background, held_out.frames.shape)
-    each, *baselines = (
-        images.crop_scores(held_out.frames, other, held_out.patches)
-        for other in (simulated, pasted, still)
-    )
-    scores = OpticsScores(*(images.mean_score(scored) for scored in (each, *baselines)))
+    others = {"calibrated": simulated, "cut_and_paste": pasted, "do_nothing": still}
+    crops = {n: images.crop_scores(held_out.frames, o, held_out.patches) for n, o in others.items()}
+    scores, each = {n: images.mean_score(s) for n, s in crops.items()}, crops["calibrated"]
     gel, all_poses = presses.sensor.own_gel, np.concatenate([fit.poses, poses])
     diameters_mm = np.concatenate([of.diameters_mm for of in (training, held_out)])
     worst = held_out.names[int(np.argmin([one.psnr_db for one in each]))]
@@ -492,9 +484,9 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
     )  # fmt: skip
 
 
-def _warnings(scores: OpticsScores, worst: str, limited: list[str]) -> list[str]:
+def _warnings(scores: dict[str, images.Score], worst: str, limited: list[str]) -> list[str]:
     """What limits a fit. worst: of the held-out frames. limited: frames with depths at a limit."""
-    ours, pasted, still = scores.calibrated, scores.cut_and_paste, scores.do_nothing
+    ours, pasted, still = scores.values()
     if ours.psnr_db <= still.psnr_db:
         raise T2TwinError(
             f"the fit does not explain the held-out presses, least {worst}: its PSNR is "

@@ -18,7 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_bodies
 from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
-from t2twin.sim.contact.elastomer import Elastomer, Friction
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.friction import (
     AT_LIMIT,
     PREDICTION_TOLERANCE,
@@ -31,7 +31,7 @@ from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import DomedLayer
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.contact.solver_loops import Anderson
+from t2twin.sim.contact.solver_loops import anderson
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift, limit_mpa
 
 # Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
@@ -87,7 +87,7 @@ class Slide:
     dx_mm: float
     dy_mm: float
     dyaw_rad: float
-    friction: Friction
+    friction: float  # coefficient
     # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
     # with the contact, and whole steps do not overshoot.
     prescribed: ClassVar = False
@@ -99,7 +99,7 @@ class Slide:
     ) -> tuple[np.ndarray, np.ndarray, bool]:
         """The traction under the pressure of a contact; the displacement of a surface that sticks
         to the shape, mm; whether the traction converged. predicts: for the contact before."""
-        limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
+        limit = normal.elastomer.limit_mpa(self.friction, 1e-3 * normal.pressure_kpa[step.window])
         spread, dome, guess = fields
         # The motion of the shape at the displaced points of the surface.
         command, (rows, columns) = step.contact.command, step.window
@@ -122,7 +122,7 @@ class Slide:
 
 def advance(
     contact: Contact, dx_mm: float, dy_mm: float, dyaw_rad: float, force_n: float, friction:
-    Friction,
+    float,
 ) -> Contact:  # fmt: skip
     """The contact after a small motion of the shape, see Slide, with a force.
 
@@ -179,7 +179,7 @@ def _step(
     fields = spread, parts[1, :2], start.shear_mpa[part]
     predictions = _predicted(step, start, earlier, drive, fields)
     normal, pressure, shear, seen, predicted, dome, moves, travel = predictions
-    converged, acceleration = False, Anderson(seen.size)
+    converged, acceleration = False, anderson(seen.size)
     possible, reference, with_mujoco = np.zeros_like(seen), seen, not seen.any()
     for number in range(MAX_ROUNDS):
         normal, seen = _press(bodies, normal, window, seen, possible, moves, with_mujoco)
@@ -212,7 +212,7 @@ def _step(
             error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
         corrected = seen + drive.relaxation[late >= 0] * error
         if late < 0:
-            corrected = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
+            corrected = acceleration(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         seen = corrected
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
@@ -308,7 +308,7 @@ def _window(contact: Contact, start: Motion) -> Window:
     return window_around(dilated(loaded, WINDOW_CELLS))
 
 
-def still_motion(contact: Contact, friction: tuple[Friction, ...]) -> Motion:
+def still_motion(contact: Contact, friction: tuple[float, ...]) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     return Motion(friction, np.zeros((2, *shape)), np.zeros(shape))
@@ -328,7 +328,7 @@ class Load:
     # dx_mm, dy_mm, dyaw_rad of the body's surface along the sensor since the last contact, rotated
     # about the sensor's z axis. None for a new place of contact, without traction.
     motion: tuple[float, float, float] | None
-    friction: Friction
+    friction: float  # coefficient
 
     def __post_init__(self) -> None:
         arguments.number(self.force_n, "force_n")

@@ -3,6 +3,8 @@
 Every loop runs in one thread and sums in a fixed order: results are identical on every run.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from t2twin.core.jit import INNER, compiled
@@ -167,7 +169,7 @@ def eliminate(system):
 
 @compiled(nogil=True)
 def accelerate(memory, normal, counts, point, image, mixed):
-    """Write the next point of Anderson acceleration; see Anderson.
+    """Write the next point of Anderson acceleration; see `anderson`.
 
     memory: (2 MEMORY + 2, n), changes of the images, of the residuals, the last image and residual.
     counts: steps stored, the row of the next one, and whether there is a last step.
@@ -207,23 +209,22 @@ def accelerate(memory, normal, counts, point, image, mixed):
             mixed[n] -= system[k, stored] * images[k, n]
 
 
-class Anderson:
+def anderson(size: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Anderson acceleration of a fixed-point iteration x <- g(x) of (n,) unknowns.
 
-    Of all mixtures of the last steps with weights that add up to 1 it takes the one with the
+    Returns a function of a point and its image g(point), both (n,), to the next point at which to
+    evaluate g: of all mixtures of the last steps with weights that add up to 1, the one with the
     smallest linearized residual g(x) - x (Walker and Ni, SIAM J. Numer. Anal. 49, 2011).
     """
+    memory, normal = np.zeros((2 * MEMORY + 2, size)), np.zeros((MEMORY, MEMORY))
+    counts = np.zeros(3, np.int64)
 
-    def __init__(self, size: int) -> None:
-        self._memory = np.zeros((2 * MEMORY + 2, size))
-        self._normal = np.zeros((MEMORY, MEMORY))
-        self._counts = np.zeros(3, np.int64)
-
-    def next(self, point: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """The next point at which to evaluate g, (n,), after g(point) = image, both (n,)."""
+    def following(point: np.ndarray, image: np.ndarray) -> np.ndarray:
         mixed = np.empty(image.size)
-        accelerate(self._memory, self._normal, self._counts, point, image, mixed)
+        accelerate(memory, normal, counts, point, image, mixed)
         return mixed
+
+    return following
 
 
 @compiled(nogil=True, **INNER)

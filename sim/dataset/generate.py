@@ -12,9 +12,9 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 
@@ -44,7 +44,7 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.shard import STAGES, ShardContext, Tally, make_shard, make_shard_in_worker
+from t2twin.sim.dataset.shard import STAGES, Make, Tally, make_shard, make_shard_in_worker
 from t2twin.sim.dataset.store import (
     INFO,
     LOG,
@@ -67,41 +67,6 @@ CONNECT_SECONDS = 20  # timeout of the connection to a Dask scheduler
 SAME_SHARE = 0.02
 """Solids are the same if each invariant differs by less than this share. Assumed: twice the effect
 of a coarse mesh. Of 200 random shapes and the 32 primitives the nearest differs by 0.6."""
-
-
-@dataclass(frozen=True)
-class RunTiming:
-    """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl."""
-
-    ended: str  # UTC, ISO 8601
-    pairs: int
-    workers: int
-    seconds: float
-    stage_seconds: dict[str, float]  # processor time of all pairs
-    peak_memory_bytes: int  # the sum of all processes' peaks
-    rejected: dict[str, int] = field(default_factory=dict)  # attempts by reason
-    notes: dict[str, int] = field(default_factory=dict)  # pairs with each note of their touch
-
-    def __str__(self) -> str:
-        stages = ", ".join(
-            f"{stage} {1e3 * seconds / max(self.pairs, 1):.1f}"
-            for stage, seconds in self.stage_seconds.items()
-            if stage != "shape" and seconds
-        )
-        busy = sum(self.stage_seconds.values()) / (self.workers * self.seconds)
-        rejected = "".join(
-            f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}\n"
-            for reason, count in self.rejected.items()
-        )
-        notes = "".join(f"{counted(count, 'pair')}: {note}\n" for note, count in self.notes.items())
-        return (
-            f"{counted(self.pairs, 'pair')} in {self.seconds:.0f} s with "
-            f"{counted(self.workers, 'worker')}: {self.pairs / self.seconds:.1f} pairs/s, "
-            f"workers busy {100 * busy:.0f} % of the time\n"
-            f"processor time of a pair, ms: {stages}; and {self.stage_seconds['shape']:.1f} s to "
-            f"load the shapes\n{rejected}{notes}"
-            f"peak memory of all processes together: {self.peak_memory_bytes / 2**30:.2f} GiB"
-        )
 
 
 def make_dataset(
@@ -136,13 +101,11 @@ def make_dataset(
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
     kept = catalogue.cache_folder(cache)
-    context = ShardContext(
-        recipe, sensors, str(folder), None if kept is None else str(kept.absolute()), versions()
-    )
+    make = partial(make_shard, recipe, sensors, folder, kept and kept.absolute())
     only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)
-    info = build_info(context, scale, batches, only)
+    info = build_info(recipe, sensors, scale, batches, only)
     with locked(folder):
-        return _make_dataset(context, batches, info, workers or cores(), scheduler)
+        return _make_dataset(folder, make, batches, info, workers or cores(), scheduler)
 
 
 def check_workers(workers: int | None) -> None:
@@ -152,13 +115,13 @@ def check_workers(workers: int | None) -> None:
 
 
 def build_info(
-    context: ShardContext,
+    recipe: Recipe,
+    sensors: SensorPair,
     scale: str | None,
     batches: list[Batch],
     only: tuple[str, ...] | None = None,
 ) -> DatasetInfo:
     """The info of a dataset without shards. only: the primitives and tools, None for all."""
-    recipe, sensors = context.recipe, context.sensors
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
@@ -169,7 +132,7 @@ def build_info(
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
         source=sensor_info(sensors.source, *optional),
         target=sensor_info(sensors.target, *optional),
-        versions=context.versions,
+        versions=versions(),
         shards={},
         scale=scale,
         seed=recipe.seed,
@@ -281,11 +244,10 @@ def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _make_dataset(
-    context: ShardContext, batches: list[Batch], wanted: DatasetInfo, workers: int,
+    folder: Path, make: Make, batches: list[Batch], wanted: DatasetInfo, workers: int,
     scheduler: str | None,
 ) -> DatasetInfo:  # fmt: skip
     """Make the missing shards; returns the info of the complete dataset."""
-    folder = Path(context.folder)
     is_new = not (folder / INFO).exists()
     if is_new and not is_empty(folder):
         raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
@@ -302,7 +264,9 @@ def _make_dataset(
         todo = [batch for batch in batches if batch.path not in made]
         if todo:
             write_info(folder, replace(present, complete=False))
-            made |= _make_shards(context, todo, workers, scheduler)
+            if wanted.recipe and wanted.recipe.light.renderer == "pyrender":
+                print(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
+            made |= _make_shards(folder, make, todo, workers, scheduler)
         info = replace(present, complete=True, shards=made)
         write_info(folder, info)
         write_card(folder, info)
@@ -332,60 +296,79 @@ def _made(folder: Path, batch: Batch, info: DatasetInfo) -> Shard | None:
 
 
 def _make_shards(
-    context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
+    folder: Path, make: Make, todo: list[Batch], workers: int, scheduler: str | None
 ) -> dict[str, Shard]:
     """Make shards, and log the time; returns them by path."""
     start, made, total = time.monotonic(), {}, Tally()
     # The largest first, so that no long one is left alone at the end.
     todo = sorted(todo, key=lambda batch: -batch.pairs)
     pairs = sum(batch.pairs for batch in todo)
-    results = _results(context, todo, min(workers, len(todo)), scheduler)
+    results = _results(folder, make, todo, min(workers, len(todo)), scheduler)
     with (
         Progress(total=pairs, unit="pair", desc="simdata") as bar,
         closing(results),  # an interrupt ends the workers here, not later
     ):
         where = scheduler or counted(min(workers, len(todo)), "worker")
         bar.write(f"{counted(pairs, 'pair')} to make with {where}")
-        if context.recipe.light.renderer == "pyrender":
-            bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
         for batch, (shard, tally) in results:
             made[batch.path] = shard
             total.add(tally)
             bar.update(batch.pairs)
     busy = len(total.peaks)
     total.add_peak_memory()
-    timing = RunTiming(
-        ended=datetime.now(UTC).isoformat(timespec="seconds"),
-        pairs=pairs,
-        workers=busy,
-        seconds=round(time.monotonic() - start, 2),
-        stage_seconds={stage: round(total.seconds[stage], 3) for stage in STAGES},
-        peak_memory_bytes=sum(total.peaks.values()),
-        rejected=dict(sorted(total.rejected.items())),
-        notes=dict(sorted(total.notes.items())),
-    )
-    print(timing)
-    log = Path(context.folder) / LOG
-    before = log.read_text() if log.is_file() else ""
-    write_whole(log, (before + json.dumps(asdict(timing)) + "\n").encode())
+    _log(folder / LOG, total, pairs, busy, time.monotonic() - start)
     return made
 
 
+def _log(file: Path, total: Tally, pairs: int, workers: int, seconds: float) -> None:
+    """Print time and memory of a run, and add them to a log."""
+    peak_bytes, rejected, notes = sum(total.peaks.values()), total.rejected, total.notes
+    stages = ", ".join(
+        f"{stage} {1e3 * total.seconds[stage] / pairs:.1f}"
+        for stage in STAGES
+        if stage != "shape" and total.seconds[stage]
+    )
+    busy = sum(total.seconds.values()) / (workers * seconds)
+    print(
+        f"{counted(pairs, 'pair')} in {seconds:.0f} s with {counted(workers, 'worker')}: "
+        f"{pairs / seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
+        f"processor time of a pair, ms: {stages}; and {total.seconds['shape']:.1f} s to load the "
+        "shapes"
+    )
+    for reason, count in sorted(rejected.items()):
+        print(f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}")
+    for note, count in sorted(notes.items()):
+        print(f"{counted(count, 'pair')}: {note}")
+    print(f"peak memory of all processes together: {peak_bytes / 2**30:.2f} GiB")
+    line = {
+        "ended": datetime.now(UTC).isoformat(timespec="seconds"),  # ISO 8601
+        "pairs": pairs,
+        "workers": workers,
+        "seconds": round(seconds, 2),
+        "stage_seconds": {stage: round(total.seconds[stage], 3) for stage in STAGES},
+        "peak_memory_bytes": peak_bytes,
+        "rejected": dict(sorted(rejected.items())),
+        "notes": dict(sorted(notes.items())),
+    }
+    before = file.read_text() if file.is_file() else ""
+    write_whole(file, (before + json.dumps(line) + "\n").encode())
+
+
 def _results(
-    context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
+    folder: Path, make: Make, todo: list[Batch], workers: int, scheduler: str | None
 ) -> Generator[tuple[Batch, tuple[Shard, Tally]]]:
     """Each shard as it is finished: made in this process, in others, or on a cluster."""
     if scheduler is None and workers == 1:
         for batch in todo:
-            yield batch, make_shard(context, batch)
+            yield batch, make(batch)
         return
-    # All workers read the context from the folder that they write to.
+    # All workers read the rest of the arguments from the folder that they write to.
     with (
-        temporary_folder(Path(context.folder), "context") as place,
+        temporary_folder(folder, "context") as place,
         _processes(workers) if scheduler is None else _dask(scheduler) as pool,
     ):
         file = place / "context.pickle"
-        file.write_bytes(pickle.dumps(context))
+        file.write_bytes(pickle.dumps((make, versions())))
         futures = {pool.submit(make_shard_in_worker, str(file), batch): batch for batch in todo}
         for future in as_completed(futures):
             yield futures.pop(future), future.result()

@@ -7,9 +7,9 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.pin_layout import OffPadError
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
 from t2twin.sim.dataset.info import Shard, versions
 from t2twin.sim.dataset.store import write_shard
@@ -33,8 +33,8 @@ from t2twin.sim.sampling.plan import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
     UNIT_STREAM,
+    Attempt,
     Batch,
-    PressSample,
     load_shape,
     name_of,
     path_attempts,
@@ -68,8 +68,10 @@ MARKER_PITCHES_MM = (1.0, 2.5)  # range of the markers' pitches (assumed)
 MARKER_SHARES = (0.25, 0.45)  # range of the markers' diameters over their pitch (assumed)
 MAX_JITTER_SHARE = 0.3  # largest jitter over the free distance (assumed)
 
+Make = Callable[[Batch], tuple[Shard, "Tally"]]  # make_shard for one dataset
+
 # Makes a press and the touches of its path; the last one is rejected, or none
-Press = Callable[[Shape, PressSample], list[Touch]]
+Press = Callable[[Shape, Sequence[PressCommand], np.random.Generator], list[Touch]]
 
 
 class Tally:
@@ -109,51 +111,42 @@ def process_name() -> str:
     return f"{platform.node()}:{os.getpid()}"
 
 
-@dataclass(frozen=True, eq=False)
-class ShardContext:
-    """Input of all shards of a dataset."""
-
-    recipe: Recipe
-    sensors: SensorPair
-    folder: str
-    cache: str | None  # as for catalogue.load
-    versions: dict[str, str]  # of info.json
-
-
 @lru_cache(maxsize=1)
-def _read_context(file: str) -> ShardContext:
-    """The context of a run. Raises T2TwinError without it, and where versions differ."""
+def _read_make(file: str) -> "Make":
+    """What makes the shards of a run. Raises T2TwinError without it, and where versions differ."""
     try:
-        found, installed = pickle.loads(Path(file).read_bytes()), versions()
+        (make, needed), installed = pickle.loads(Path(file).read_bytes()), versions()
     except OSError as error:
         raise T2TwinError(
             f"the worker {process_name()} cannot read {file}; use a folder that all workers share"
         ) from error
-    for name, version in found.versions.items():
+    for name, version in needed.items():
         if installed[name] != version:
             raise T2TwinError(
                 f"the worker {process_name()} has {name} {installed[name]} and the dataset "
                 f"{version}; all must have the same"
             )
-    return found
+    return make
 
 
-def make_shard_in_worker(context_file: str, batch: Batch) -> tuple[Shard, Tally]:
-    """As make_shard, in another process. context_file: the pickled context."""
-    return make_shard(_read_context(context_file), batch)
+def make_shard_in_worker(file: str, batch: Batch) -> tuple[Shard, Tally]:
+    """As make_shard, in another process. file: of a pickled Make and the versions that it needs."""
+    return _read_make(file)(batch)
 
 
-def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
-    """Press, render, encode and write the pairs of a shard.
+def make_shard(
+    recipe: Recipe, sensors: SensorPair, folder: Path, cache: Path | None, batch: Batch
+) -> tuple[Shard, Tally]:
+    """Press, render, encode and write the pairs of a shard. cache: as for catalogue.load.
 
     Raises T2TwinError as press_until_accepted does, and where the file cannot be written.
     """
     tally, start = Tally(), time.process_time()
-    values: dict[str, str] = {role: getattr(context.sensors, role).VALUE for role in ROLES}
-    columns = columns_of(values, context.recipe)
+    values: dict[str, str] = {role: getattr(sensors, role).VALUE for role in ROLES}
+    columns = columns_of(values, recipe)
 
     def rows() -> Iterator[dict[str, Any]]:
-        for sample in _samples(batch, context, tally):
+        for sample in _samples(recipe, sensors, cache, batch, tally):
             with tally.running("encoding"):
                 tally.notes.update(sample.touch.notes)
             row = {}
@@ -162,8 +155,7 @@ def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
                     row[each.full_name] = each.value(sample, each.role)
             yield row
 
-    path = Path(context.folder) / batch.path
-    digest = write_shard(path, rows(), schema_of(values, context.recipe))
+    digest = write_shard(folder / batch.path, rows(), schema_of(values, recipe))
     trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
     tally.seconds["writing"] += time.process_time() - start - sum(tally.seconds.values())
@@ -171,14 +163,15 @@ def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
     return Shard(digest, batch.pairs), tally
 
 
-def _samples(batch: Batch, context: ShardContext, tally: Tally) -> Iterator[Sample]:
+def _samples(
+    recipe: Recipe, own: SensorPair, cache: Path | None, batch: Batch, tally: Tally
+) -> Iterator[Sample]:
     """The touches of a shard, shape by shape, path by path."""
-    recipe, part = context.recipe, batch.part
-    ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
-    present, sensors, units = None, context.sensors, {}
+    ranges = {name: sensor.FRICTION for name, sensor in own.by_name.items()}
+    present, sensors, units, part = None, own, {}, batch.part
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with tally.running("shape"):
-            shape = load_shape(recipe.parts[part], source, context.cache)
+            shape = load_shape(recipe.parts[part], source, cache)
         first, friction = 0, {}
         if recipe.motion:
             friction = sample_friction(recipe.motion, ranges, (recipe.seed, part), number)
@@ -186,11 +179,10 @@ def _samples(batch: Batch, context: ShardContext, tally: Tally) -> Iterator[Samp
             unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
             unit = 0 if recipe.light.kind == "fixed" else unit
             if unit != present:
-                sensors, units = _unit(part, unit, recipe, context.sensors, tally)
+                sensors, units = _unit(part, unit, recipe, own, tally)
                 present = unit
             attempts = path_attempts(recipe, part, name_of(source), number, path, first)
-            laws = {name: Friction(value) for name, value in friction.items()}
-            press = partial(_touches, sensors, laws, tally)
+            press = partial(_touches, sensors, friction, tally)
             touches, accepted = press_until_accepted(attempts, shape, press, tally.rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
@@ -198,31 +190,33 @@ def _samples(batch: Batch, context: ShardContext, tally: Tally) -> Iterator[Samp
 
 
 def press_until_accepted(
-    attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
+    attempts: Iterable[Attempt], shape: Shape, press: Press, rejected: Counter[str]
 ) -> tuple[list[Touch], int]:
     """The touches of the first accepted attempt at a path, and its number; counts rejected ones.
 
     A press on the grid may bottom out. Raises T2TwinError where no attempt is accepted.
     """
     planned = shape.name
-    for sample in attempts:
-        if sample.command.shape != shape.name:
-            shape = catalogue.load(sample.command.shape)
-        if sample.attempt is None:
-            touches = press(shape, sample)
+    for commands, rng, attempt in attempts:
+        if commands[0].shape != shape.name:
+            shape = catalogue.load(commands[0].shape)
+        if attempt is None:
+            touches = press(shape, commands, rng)
             if not all(contact.settled for contact in touches[0].contacts.values()):
+                x_mm, y_mm = commands[0].x_mm, commands[0].y_mm
                 raise T2TwinError(
-                    f"press {sample.index} of {planned} did not settle; use another grid"
+                    f"the press of {planned} at x {x_mm:.2f} mm, y {y_mm:.2f} mm did not settle; "
+                    "use another grid"
                 )
             return touches, 0
         try:
-            touches = press(shape, sample)
+            touches = press(shape, commands, rng)
         except OffPadError:
             reason = "off the pad"
         else:
             reason = rejection_reason(touches[-1])
             if reason is None:
-                return touches, sample.attempt
+                return touches, attempt
         rejected[reason] += 1
     raise T2TwinError(
         f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes, "
@@ -242,15 +236,15 @@ def rejection_reason(touch: Touch) -> str | None:
 
 
 def _touches(
-    sensors: SensorPair, friction: dict[str, Friction], tally: Tally, shape: Shape,
-    sample: PressSample,
+    sensors: SensorPair, friction: dict[str, float], tally: Tally, shape: Shape,
+    commands: Sequence[PressCommand], rng: np.random.Generator,
 ) -> list[Touch]:  # fmt: skip
     """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""
-    touch = sensors.press(shape, sample.command, sample.rng, timed=tally.running)
+    touch = sensors.press(shape, commands[0], rng, timed=tally.running)
     touches = [touch]
-    for command in sample.further:
+    for command in commands[1:]:
         sensors.check_over_pads(touch, command)
-    for command in sample.further:
+    for command in commands[1:]:
         if rejection_reason(touch):
             return touches
         with tally.running("motion"):
@@ -259,7 +253,7 @@ def _touches(
     with tally.running("read source"):
         read = touches[:1]
         for each in touches[1:]:
-            read.append(sensors.with_readings(each, sample.rng, before=read[-1]))
+            read.append(sensors.with_readings(each, rng, before=read[-1]))
         return read
 
 

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from io import BufferedRandom
 from itertools import islice
@@ -278,54 +277,43 @@ def _repair(info: DatasetInfo) -> str:
     return "`t2twin import-pairs` into a new folder makes it again"
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A fault of a dataset."""
-
-    part: str  # a file below its folder
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.part}: {self.reason}"
-
-
-def verify_dataset(folder: str | Path) -> list[Fault]:
+def verify_dataset(folder: str | Path) -> list[tuple[str, str]]:
     """All faults of a dataset, by sha256, columns and rows of each shard; none if it is complete.
 
-    Raises T2TwinError without a dataset.
+    A fault is a file below the folder, and what is wrong. Raises T2TwinError without a dataset.
     """
     folder = arguments.path(folder, "folder")
     info = read_info(folder)
-    faults = [] if info.complete else [Fault(INFO, "the dataset is unfinished")]
+    faults = [] if info.complete else [(INFO, "the dataset is unfinished")]
     lacking = [name for name in (CARD, CROISSANT) if not (folder / name).is_file()]
-    faults += [Fault(name, "it is missing") for name in lacking if info.complete]
+    faults += [(name, "it is missing") for name in lacking if info.complete]
     for split, pairs in info.pairs.items():
         found = sum(info.shards[path].pairs for path in split_shards(info, split))
         if info.complete and found != pairs:
-            faults.append(Fault(INFO, f"it lists shards of {found} {split} pairs, not of {pairs}"))
+            faults.append((INFO, f"it lists shards of {found} {split} pairs, not of {pairs}"))
         present = {f"{split}/{path.name}" for path in (folder / split).glob("[!.]*.parquet")}
         if info.complete:
             faults += [
-                Fault(path, "it is not part of this dataset; remove it")
+                (path, "it is not part of this dataset; remove it")
                 for path in present - {*info.shards}
             ]
     with ThreadPoolExecutor(cores()) as pool:
-        checked = pool.map(lambda path: _fault_of(folder, path, info), info.shards)
+        checked = pool.map(lambda path: (path, _fault_of(folder, path, info)), info.shards)
         bar = Progress(checked, total=len(info.shards), desc="verify", unit="shard")
-        faults += [fault for fault in bar if fault is not None]
-    return sorted(faults, key=lambda fault: fault.part)
+        faults += [(path, reason) for path, reason in bar if reason]
+    return sorted(faults, key=lambda fault: fault[0])
 
 
-def _fault_of(folder: Path, path: str, info: DatasetInfo) -> Fault | None:
-    """The first fault of a shard."""
+def _fault_of(folder: Path, path: str, info: DatasetInfo) -> str:
+    """The first fault of a shard; empty without one."""
     shard, schema = info.shards[path], schema_of(info.values, info.recipe)
     if not (folder / path).is_file():
-        return Fault(path, "it is missing")
+        return "it is missing"
     if sha256_of(folder / path) != shard.sha256:
-        return Fault(path, "its bytes are not those that were written (sha256)")
+        return "its bytes are not those that were written (sha256)"
     with pq.ParquetFile(folder / path) as file:
         if not file.schema_arrow.equals(schema):
-            return Fault(path, "its columns are not the dataset's")
+            return "its columns are not the dataset's"
         if file.metadata.num_rows != shard.pairs:
-            return Fault(path, f"it has {file.metadata.num_rows} rows instead of {shard.pairs}")
-    return None
+            return f"it has {file.metadata.num_rows} rows instead of {shard.pairs}"
+    return ""

@@ -7,9 +7,9 @@ a cell in the view of the sensor's file. So the sum of the pressures times that 
 the view, for each unit, whatever its scale and place.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
@@ -23,7 +23,7 @@ from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import sha256_of
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
+from t2twin.sim.contact.elastomer import Elastomer, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.camera import PARALLAX_STEPS, Camera, optical_grid
@@ -46,58 +46,52 @@ CELL_MM = 0.26
 """Approximate side of a cell, mm (assumed: about the pitch of a contact's grid, and 5 pixels of a
 DIGIT)."""
 
+Grid = tuple[int, int]  # rows and columns of the cells of contact maps
 
-@dataclass(frozen=True)
-class ContactGrid:
-    """The grid of contact maps."""
 
-    rows: int  # of its cells
-    columns: int
-    cell_mm2: float  # area of a cell
+def depth_on(grid: Grid, contact: Contact, camera: Camera) -> np.ndarray:
+    """(rows, columns) depth of a contact, in the image of a unit's camera."""
+    gel = contact.elastomer
+    x_mm, y_mm = optical_grid(gel)
+    surface, step = surface_on(contact, x_mm, y_mm), x_mm[1] - x_mm[0]
+    row, column = (  # of the cells' middles, px
+        (np.arange(cells) + 0.5) * pixels / cells - 0.5
+        for pixels, cells in ((camera.rows, grid[0]), (camera.columns, grid[1]))
+    )
+    across, down = np.meshgrid(
+        (column - camera.middle[1]) / camera.focal_px, (row - camera.middle[0]) / camera.focal_px
+    )
+    z, depth = np.zeros_like(across), np.zeros_like(across)
+    for _ in range(PARALLAX_STEPS):
+        reach = camera.distance_mm + z
+        x, y = across * reach, down * reach
+        rows, columns = (y - y_mm[0]) / step, (x - x_mm[0]) / step
+        depth = at_places(surface[None], rows.ravel(), columns.ravel()).reshape(z.shape)
+        z = camera.rest_mm(gel, x, y) - depth
+    return depth
 
-    def depth_mm(self, contact: Contact, camera: Camera) -> np.ndarray:
-        """(rows, columns) depth of a contact, in the image of a unit's camera."""
-        gel = contact.elastomer
-        x_mm, y_mm = optical_grid(gel)
-        surface, step = surface_on(contact, x_mm, y_mm), x_mm[1] - x_mm[0]
-        row, column = (  # of the cells' middles, px
-            (np.arange(cells) + 0.5) * pixels / cells - 0.5
-            for pixels, cells in ((camera.rows, self.rows), (camera.columns, self.columns))
-        )
-        across, down = np.meshgrid(
-            (column - camera.middle[1]) / camera.focal_px,
-            (row - camera.middle[0]) / camera.focal_px,
-        )
-        z, depth = np.zeros_like(across), np.zeros_like(across)
-        for _ in range(PARALLAX_STEPS):
-            reach = camera.distance_mm + z
-            x, y = across * reach, down * reach
-            rows, columns = (y - y_mm[0]) / step, (x - x_mm[0]) / step
-            depth = at_places(surface[None], rows.ravel(), columns.ravel()).reshape(z.shape)
-            z = camera.rest_mm(gel, x, y) - depth
-        return depth
 
-    def pressure_kpa(self, contact: Contact, camera: Camera) -> np.ndarray:
-        """(rows, columns) pressure of a contact, in the image of a unit's camera. The force of each
-        cell of the contact's grid is shared by the four nearest cells of the image."""
-        loaded = np.nonzero(contact.pressure_kpa)
-        moved_mm = contact.sheared_mm[:, *loaded]
-        x, y = contact.x_mm[loaded[1]], contact.y_mm[loaded[0]]
-        depth = contact.surface_mm[loaded] + moved_mm[2]
-        x, y = x + moved_mm[0], y + moved_mm[1]
-        z = camera.rest_mm(contact.elastomer, x, y) - depth
-        row, column = camera.project(x, y, z)
-        row = (row + 0.5) * self.rows / camera.rows - 0.5
-        column = (column + 0.5) * self.columns / camera.columns - 0.5
-        values = contact.pressure_kpa[loaded] * contact.pitch_mm**2 / self.cell_mm2
-        found = np.zeros((self.rows + 2, self.columns + 2))  # with a rim outside the image
-        above, left = np.floor(row).astype(int), np.floor(column).astype(int)
-        down, across = row - above, column - left
-        for i, along_y in ((above, 1.0 - down), (above + 1, down)):
-            for j, along_x in ((left, 1.0 - across), (left + 1, across)):
-                place = np.clip(i + 1, 0, self.rows + 1), np.clip(j + 1, 0, self.columns + 1)
-                np.add.at(found, place, values * along_y * along_x)
-        return found[1:-1, 1:-1]
+def pressure_on(grid: Grid, cell_mm2: float, contact: Contact, camera: Camera) -> np.ndarray:
+    """(rows, columns) pressure of a contact, in the image of a unit's camera. The force of each
+    cell of the contact's grid is shared by the four nearest cells of the image."""
+    loaded = np.nonzero(contact.pressure_kpa)
+    moved_mm = contact.sheared_mm[:, *loaded]
+    x, y = contact.x_mm[loaded[1]], contact.y_mm[loaded[0]]
+    depth = contact.surface_mm[loaded] + moved_mm[2]
+    x, y = x + moved_mm[0], y + moved_mm[1]
+    z = camera.rest_mm(contact.elastomer, x, y) - depth
+    row, column = camera.project(x, y, z)
+    row = (row + 0.5) * grid[0] / camera.rows - 0.5
+    column = (column + 0.5) * grid[1] / camera.columns - 0.5
+    values = contact.pressure_kpa[loaded] * contact.pitch_mm**2 / cell_mm2
+    found = np.zeros((grid[0] + 2, grid[1] + 2))  # with a rim outside the image
+    above, left = np.floor(row).astype(int), np.floor(column).astype(int)
+    down, across = row - above, column - left
+    for i, along_y in ((above, 1.0 - down), (above + 1, down)):
+        for j, along_x in ((left, 1.0 - across), (left + 1, across)):
+            place = np.clip(i + 1, 0, grid[0] + 1), np.clip(j + 1, 0, grid[1] + 1)
+            np.add.at(found, place, values * along_y * along_x)
+    return found[1:-1, 1:-1]
 
 
 @dataclass(frozen=True)
@@ -148,16 +142,17 @@ class GelCamera:
         return self.spec.gel.grid_mm
 
     @cached_property
-    def contact_grid(self) -> ContactGrid:
+    def contact_grid(self) -> Grid:
         """The grid of the contact maps."""
-        half_x_mm, half_y_mm = self.camera.seen_half_extent_mm()
-        columns, rows = (max(1, round(2 * half / CELL_MM)) for half in (half_x_mm, half_y_mm))
-        return ContactGrid(rows, columns, 4 * half_x_mm * half_y_mm / (rows * columns))
+        columns, rows = (
+            max(1, round(2 * half / CELL_MM)) for half in self.camera.seen_half_extent_mm()
+        )
+        return rows, columns
 
     @property
-    def friction(self) -> Friction:
-        """The friction of the gel."""
-        return self.spec.gel.law_of_friction
+    def friction(self) -> float:
+        """Coefficient of friction of the gel."""
+        return self.spec.gel.friction
 
     @property
     def mount(self) -> MountTable:
@@ -293,8 +288,8 @@ class GelCamera:
 
     def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
         """What a dataset records of it: fields of t2twin.sim.dataset.info.CameraInfo."""
-        camera, grid = self.camera, self.contact_grid
-        maps = {"contact_grid": (grid.rows, grid.columns)} if with_contact_maps else {}
+        camera = self.camera
+        maps = {"contact_grid": self.contact_grid} if with_contact_maps else {}
         return maps | {
             "image_shape": (camera.rows, camera.columns, 3),
             "view_mm": camera.seen_half_extent_mm(),
@@ -372,18 +367,19 @@ class ImageReading(Result):
     @kept_property
     def depth_map_mm(self) -> np.ndarray:
         """(rows, columns) mm: depth of the gel on `sensor.contact_grid`."""
-        return self._map(ContactGrid.depth_mm)
+        grid = self.sensor.contact_grid
+        if self.contact is None:
+            return np.zeros(grid)
+        return depth_on(grid, self.contact, self.sensor.optics.camera)
 
     @kept_property
     def pressure_map_kpa(self) -> np.ndarray:
         """(rows, columns) kPa: normal pressure on `sensor.contact_grid`."""
-        return self._map(ContactGrid.pressure_kpa)
-
-    def _map(self, of: Callable[[ContactGrid, Contact, Camera], np.ndarray]) -> np.ndarray:
         grid = self.sensor.contact_grid
         if self.contact is None:
-            return np.zeros((grid.rows, grid.columns))
-        return of(grid, self.contact, self.sensor.optics.camera)
+            return np.zeros(grid)
+        cell_mm2 = 4 * prod(self.sensor.camera.seen_half_extent_mm()) / prod(grid)
+        return pressure_on(grid, cell_mm2, self.contact, self.sensor.optics.camera)
 
     def save(self, folder: Path, name: str, _second: str) -> None:
         """Write NAME.png."""

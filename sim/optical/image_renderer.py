@@ -23,18 +23,18 @@ reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
 
 from dataclasses import replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from t2twin.core.arrays import Keeper, kept_property
+from t2twin.core.arrays import kept, kept_property
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical import illumination, response
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.illumination import COSINE_TERMS, GAIN_STRIDE, Leds, Rays, Region
-from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
+from t2twin.sim.optical.markers import NO_SHADE, Markers
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_degrees, place_terms
 from t2twin.sim.optical.response import keys, quantiles
 from t2twin.sim.optical.spec import Led
@@ -51,7 +51,7 @@ Color = tuple[float, float, float]
 NO_FRAME = np.zeros((0, 0), dtype=np.float32)  # measured noise, where there is none
 
 
-class ImageRenderer(Keeper):
+class ImageRenderer:
     """Images in the format of the maker's interface, for one set of optics and one gel.
 
     gel: that the optics are of. noise_grey: standard deviation of one frame's noise, grey levels.
@@ -71,6 +71,11 @@ class ImageRenderer(Keeper):
         self._table = (255.0 * steps ** (2.0 / optics.gamma)).astype(np.float32)
         self._all_pixels: Region = 0, optics.camera.rows, 0, optics.camera.columns
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Background frames are read-only in copies too."""
+        frames = {name: kept(state[name]) for name in ("background", "_unmarked") if name in state}
+        vars(self).update(state | frames)
+
     def render(
         self, surface_mm: np.ndarray, rng: np.random.Generator | None = None, noise_grey: float |
         None = None, shift: SurfaceShift | None = None, background: np.ndarray | None = None,
@@ -89,8 +94,11 @@ class ImageRenderer(Keeper):
             raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
         coated_mm = self._rays.coated(surface_mm)
         under = self._unmarked if background is None else self._on_gel(background)
-        markers = self._marker_image
-        shade = NO_SHADE if markers is None else markers.shade(coated_mm, shift)
+        markers, optics = self._markers, self.optics
+        shade = NO_SHADE
+        if markers is not None:
+            at_rest = optics.camera, self._gel, self._rays.rest_mm, optics.gamma
+            shade = markers.shade(*at_rest, coated_mm, shift)
         rng = None if noise_grey == 0 else rng
         return self._image(surface_mm, coated_mm, under, shade, rng, noise_grey)
 
@@ -158,15 +166,6 @@ class ImageRenderer(Keeper):
     @cached_property
     def _rest_light(self) -> np.ndarray:
         return self._light_at_rest(self._rays)
-
-    @cached_property
-    def _marker_image(self) -> MarkerImage | None:
-        if self._markers is None:
-            return None
-        optics = self.optics
-        return MarkerImage(
-            self._markers, optics.camera, self._gel, self._rays.rest_mm, optics.gamma
-        )
 
     @kept_property
     def _unmarked(self) -> np.ndarray:

@@ -102,6 +102,23 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
         """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
         return moved(self.rest_mm, shift)
 
+    def shade(
+        self, camera: Camera, gel: Elastomer, rest_mm: np.ndarray, gamma: float, coated_mm:
+        np.ndarray, shift: SurfaceShift | None,
+    ) -> np.ndarray:  # fmt: skip
+        """(rows, columns) float32 factors of the grey levels of the image without markers. rest_mm,
+        coated_mm: (G) z of the gel at rest, and float32 deflection of the coating."""
+        outlines = self.rest_mm[:, None] + self.diameter_mm / 2 * OUTLINE
+        points = moved(outlines.reshape(-1, 2), shift)
+        z_mm = _between((rest_mm - coated_mm)[None], *optical_grid(gel), points)[:, 0]
+        seen = np.stack(camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
+        center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
+        factors = np.linspace(INK_REFLECTANCE, 1.0, SHADES) ** (1.0 / gamma)
+        out = np.empty((camera.rows, camera.columns), dtype=np.float32)
+        one, other = (right - left) / 2, (below - above) / 2
+        _rasterize(center.copy(), one, other, factors.astype(np.float32), out)
+        return out
+
     def seen_px(self, camera: Camera, contact: Contact) -> tuple[np.ndarray, np.ndarray]:
         """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
         displacement = _displacement(self.rest_mm, surface_shift(contact))
@@ -115,30 +132,6 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
 def surface_shift(contact: Contact) -> SurfaceShift:
     """The displacement of a contact's surface by pressure and shear."""
     return SurfaceShift(contact.x_mm, contact.y_mm, contact.displacement_mm)
-
-
-class MarkerImage:
-    """How the camera sees the markers of one gel. rest_mm: (G) z of the gel at rest."""
-
-    def __init__(
-        self, markers: Markers, camera: Camera, gel: Elastomer, rest_mm: np.ndarray, gamma: float
-    ) -> None:
-        self._camera, self._rest_mm, self._axes = camera, rest_mm, optical_grid(gel)
-        points = markers.rest_mm[:, None] + markers.diameter_mm / 2 * OUTLINE
-        self._points_mm = points.reshape(-1, 2)
-        light = np.linspace(INK_REFLECTANCE, 1.0, SHADES)
-        self._factors = (light ** (1.0 / gamma)).astype(np.float32)
-
-    def shade(self, coated_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
-        """(rows, columns) float32 factors of the grey levels of the image without markers.
-        coated_mm: (G) float32 deflection of the coating."""
-        points = moved(self._points_mm, shift)
-        z_mm = _between((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
-        seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
-        center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
-        out = np.empty((self._camera.rows, self._camera.columns), dtype=np.float32)
-        _rasterize(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
-        return out
 
 
 def moved(points_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:

@@ -49,15 +49,9 @@ class MotionPath:
     steps: int = 0
 
 
-@dataclass(frozen=True)
-class PressSample:
-    """One press of a part, or one attempt at it."""
-
-    index: int  # its number among the shape's
-    command: PressCommand  # of 0 N without contact
-    rng: np.random.Generator  # of the sensors' noise
-    attempt: int | None  # None for a press on the grid
-    further: tuple[PressCommand, ...] = ()  # the touches of its path after it
+Attempt = tuple[tuple[PressCommand, ...], np.random.Generator, int | None]
+"""Commands of a press, of 0 N without contact, and of the touches of its path after it; random
+numbers of the sensors' noise; number of the attempt, None for a press on the grid."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +193,7 @@ def max_attempts(part: Part) -> int:
 
 def path_attempts(
     recipe: Recipe, part: int, name: str, number: int, path: MotionPath, first: int = 0
-) -> Iterator[PressSample]:
+) -> Iterator[Attempt]:
     """The attempts at a press and its path; one on the grid, else max_attempts of the part.
 
     number: of the shape in the part.
@@ -213,7 +207,7 @@ def path_attempts(
         force_n = sample_force(rng, listed[which])
         command = protocol.press_of(name, catalogue.properties(name)["spacing_mm"], at)
         rng = np.random.default_rng((recipe.seed, place, path.index))
-        yield PressSample(path.index, replace(command, force_n=force_n), rng, None)
+        yield (replace(command, force_n=force_n),), rng, None
         return
     for attempt in range(first, max_attempts(own)):
         yield sample_press(recipe, part, name, number, path, attempt)
@@ -221,7 +215,7 @@ def path_attempts(
 
 def sample_press(
     recipe: Recipe, part: int, name: str, number: int, path: MotionPath, attempt: int
-) -> PressSample:
+) -> Attempt:
     """One attempt at a press that is not on the grid, and at its path, which has contact.
 
     Later attempts are at stand-ins of the shape.
@@ -248,7 +242,7 @@ def sample_press(
     if path.steps:
         assert recipe.motion
         further = sample_commands(recipe.motion, path, command, seed, number, attempt)
-    return PressSample(path.index, command, rng, attempt, further)
+    return (command, *further), rng, attempt
 
 
 def sample_tilt(rng: np.random.Generator, place: Place) -> tuple[float, float]:

@@ -4,7 +4,7 @@ The index of a press counts the shape's grid points row by row, and at each poin
 A scale is a set of indices, so each press of a smaller scale has the same pose at a larger one.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -26,26 +26,21 @@ and at points whose angles differ by a difference of orientations."""
 PRIMITIVE_GRID, OBJECT_GRID = (7, 12), (3, 7)
 
 
-@dataclass(frozen=True)
-class Scale:
-    """A subset of the presses: grid points (row, column), and the number of orientations at each,
-    which are equally spaced and start at another one from point to point."""
-
-    primitive_points: tuple[tuple[int, int], ...]
-    primitive_orientations: int
-    object_points: tuple[tuple[int, int], ...]
-    object_orientations: int
+Subset = tuple[Sequence[tuple[int, int]], int]
+"""Some of a shape's presses: grid points (row, column), and the number of orientations at each,
+which are equally spaced and start at another one from point to point."""
 
 
-def _square(*axis: int) -> tuple[tuple[int, int], ...]:
-    return tuple(product(axis, axis))
+def _square(*axis: int) -> list[tuple[int, int]]:
+    return [*product(axis, axis)]
 
 
-SCALES = {
-    "smoke": Scale(((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
-    "light": Scale(_square(0, 1, 3, 5, 6), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2),
-    "small": Scale(_square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
-    "paper": Scale(_square(*range(7)), 12, _square(*range(3)), 7),
+# Subsets of a primitive and of an object
+SCALES: dict[str, tuple[Subset, Subset]] = {
+    "smoke": (([(0, 0), (3, 3), (6, 6)], 1), ([(1, 1)], 1)),
+    "light": ((_square(0, 1, 3, 5, 6), 1), ([(0, 0), (0, 2), (1, 1), (2, 0), (2, 2)], 2)),
+    "small": ((_square(1, 2, 4, 5), 2), (_square(0, 1, 2), 1)),
+    "paper": ((_square(*range(7)), 12), (_square(*range(3)), 7)),
 }
 
 
@@ -57,12 +52,10 @@ def grid_of(name: str) -> tuple[int, int]:
     return OBJECT_GRID if name in catalogue.OBJECTS else PRIMITIVE_GRID
 
 
-def indices(name: str, scale: Scale) -> list[int]:
+def indices(name: str, scale: tuple[Subset, Subset]) -> list[int]:
     """Indices of a shape's presses at a scale, rising."""
     side, orientations = grid_of(name)
-    is_object = name in catalogue.OBJECTS
-    points = scale.object_points if is_object else scale.primitive_points
-    turns = scale.object_orientations if is_object else scale.primitive_orientations
+    points, turns = scale[name in catalogue.OBJECTS]
     step = orientations // turns
     # Each shape starts at another orientation, so that orientation and place are independent.
     first = catalogue.NAMES.index(name)

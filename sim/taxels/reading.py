@@ -3,7 +3,6 @@
 Shape letters: R readings, N taxels, M terms of the memory.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -47,11 +46,12 @@ def read_after(
     signal = gains * mixed
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
-    taxels = _taxels(flaws, n, array_seed)
-    levels, memory = _remember(signal, memory, taxels, flaws, seconds / readings, readings)
+    noise, offset, load_noise, factors = _taxels(flaws, n, array_seed)
+    levels, memory = _remember(signal, memory, factors, flaws, seconds / readings, readings)
     wandered = rng.random(n) < flaws.drift_share
-    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
-    found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
+    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + offset
+    deviation = _deviation(flaws, noise, load_noise, levels)
+    found = signals + deviation * rng.standard_normal((readings, n))
     mean = np.clip(found, 0, counts.full_scale).mean(axis=0)
     return np.rint(mean).astype(np.uint16), memory
 
@@ -63,9 +63,9 @@ def expected_reading(
     noise and clipping to 0 alone. true_counts: (..., N) noiseless."""
     from scipy.special import ndtr  # slow to import
 
-    array = _taxels(flaws, true_counts.shape[-1], array_seed)
-    deviation = _deviation(flaws, array, true_counts)
-    level = true_counts + array.offset_counts
+    noise, offset, load_noise, _ = _taxels(flaws, true_counts.shape[-1], array_seed)
+    deviation = _deviation(flaws, noise, load_noise, true_counts)
+    level = true_counts + offset
     far = np.full_like(level, FAR_FROM_ZERO)
     score = np.divide(level, deviation, where=deviation > 0, out=far)
     density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
@@ -75,26 +75,19 @@ def expected_reading(
     return np.minimum(mean, counts.full_scale), std
 
 
-def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
+def _deviation(
+    flaws: Imperfections, noise: np.ndarray, load_noise: np.ndarray, levels: np.ndarray
+) -> np.ndarray:
     """Standard deviation of one reading's normal noise at levels, (..., N)."""
     under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
-    loaded = np.hypot(flaws.white_counts, taxels.load_noise_counts * under_load)
-    return np.hypot(loaded, taxels.noise_counts)
-
-
-@dataclass(frozen=True)
-class _Taxels:
-    """Permanent properties of an array's taxels, (N,) each. memory: factor of memory_shares."""
-
-    noise_counts: np.ndarray
-    offset_counts: np.ndarray
-    load_noise_counts: np.ndarray
-    memory: np.ndarray
+    loaded = np.hypot(flaws.white_counts, load_noise * under_load)
+    return np.hypot(loaded, noise)
 
 
 @lru_cache(maxsize=64)
-def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
-    """The taxels of an array; their evenly spread ranks give each array the whole distribution."""
+def _taxels(flaws: Imperfections, n: int, array_seed: int) -> tuple[np.ndarray, ...]:
+    """Noise, offset and load noise of an array's taxels, counts, and factors of memory_shares, (n,)
+    each; their evenly spread ranks give each array the whole distribution."""
     from scipy.special import ndtri  # slow to import
 
     rng = np.random.default_rng((array_seed, ARRAY_STREAM))
@@ -107,7 +100,7 @@ def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
 
     noise = percentiles(flaws.noise_counts, at_rest)
     ratios = percentiles(flaws.offset_ratios, offset)
-    return _Taxels(
+    return (
         noise,
         percentiles(flaws.offset_counts, at_rest) + ratios * noise,
         is_alive * flaws.load_noise_counts * np.exp(flaws.load_noise_spread * ndtri(loaded)),
@@ -116,7 +109,7 @@ def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
 
 
 def _remember(
-    signal: np.ndarray, memory: np.ndarray | None, taxels: _Taxels, flaws: Imperfections,
+    signal: np.ndarray, memory: np.ndarray | None, factors: np.ndarray, flaws: Imperfections,
     seconds: float, readings: int,
 ) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
     """The levels of readings that are some seconds apart, (R, N), and the memory after them."""
@@ -128,5 +121,5 @@ def _remember(
     time_s = np.where(ahead > 0, falling_s, flaws.memory_rise_s)
     times_s = seconds * np.arange(1, readings + 1)[:, None, None]
     decayed = ahead * np.exp(-times_s / time_s)
-    levels = signal + taxels.memory * (shares * decayed).sum(axis=1)
+    levels = signal + factors * (shares * decayed).sum(axis=1)
     return levels, signal + decayed[-1]

@@ -213,23 +213,22 @@ def _check(
         {name: check.evaluate_frames(run, each, references, still) for name, run in runs.items()}
         for each in (references.frames, references.simulated)
     )
-    scores = {
-        name: check.RunScores(
-            *(check.AdaptationScores.of(each[name][1]) for each in (real, simulated)),
-            background_counts=check.background_counts(run, still),
-        )
-        for name, run in runs.items()
-    }
-    kept = check.choose(scores)
-    check.publish(folders[kept], kept, scores, config.out / config.model)
+    on_real, on_simulated = (
+        {name: check.AdaptationScores.of(errors) for name, (_, errors) in each.items()}
+        for each in (real, simulated)
+    )
+    kept = check.choose(on_real, on_simulated)
+    check.publish(folders[kept], kept, on_real, on_simulated, config.out / config.model)
     zero, mean_array = check.baseline_rmse_percent(references, runs[kept])
     result = check.AdaptationResult(
         model=config.model,
         kept=kept,
-        runs=scores,
+        real=on_real,
+        simulated=on_simulated,
+        background_counts={n: check.background_counts(run, still) for n, run in runs.items()},
         presses=len(names),
-        optics_psnr_db=fitted.scores.calibrated.psnr_db,
-        optics_ssim=fitted.scores.calibrated.ssim,
+        optics_psnr_db=fitted.scores["calibrated"].psnr_db,
+        optics_ssim=fitted.scores["calibrated"].ssim,
         zero_rmse_percent=zero,
         mean_array_rmse_percent=mean_array,
         minutes=minutes,

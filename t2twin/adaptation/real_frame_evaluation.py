@@ -83,21 +83,16 @@ class AdaptationScores:
 
 
 @dataclass(frozen=True)
-class RunScores:
-    """Scores of a run on the real and the simulated frames of the held-out presses."""
-
-    real: AdaptationScores
-    simulated: AdaptationScores
-    background_counts: float  # largest predicted count on the real background frame
-
-
-@dataclass(frozen=True)
 class AdaptationResult:
     """Content of adapted.json."""
 
     model: str  # the trained model
     kept: str  # name of the more accurate run, "trained" or "initial"
-    runs: dict[str, RunScores]  # by name; "initial", which initialized the training, if any
+    # Scores on real and simulated frames of the held-out presses, and largest predicted count on
+    # the real background frame, by run; "initial", which initialized the training, if any
+    real: dict[str, AdaptationScores]
+    simulated: dict[str, AdaptationScores]
+    background_counts: dict[str, float]
     presses: int  # number of held-out presses
     optics_psnr_db: float  # of the calibrated optics on them, as optics_ssim
     optics_ssim: float
@@ -105,11 +100,6 @@ class AdaptationResult:
     mean_array_rmse_percent: float
     minutes: dict[str, float]  # by step
     uncertainty: OpticsUncertainty  # ranges of the presses' depths and forces
-
-    @property
-    def scores(self) -> RunScores:
-        """Scores of the kept run."""
-        return self.runs[self.kept]
 
 
 def simulate_references(
@@ -210,24 +200,24 @@ def baseline_rmse_percent(references: References, run: TrainedTranslator) -> tup
     return zero, mean_array
 
 
-def choose(scores: Mapping[str, RunScores]) -> str:
+def choose(real: Mapping[str, AdaptationScores], simulated: Mapping[str, AdaptationScores]) -> str:
     """TRAINED or INITIAL, the name of the run to keep.
 
     TRAINED if its RMSE is lower on the real and on their simulated frames, as one of them may be by
     chance. It must also refuse no more of the real frames, which are all touches of the unit.
     """
-    trained, initial = scores[TRAINED], scores.get(INITIAL)
-    if initial is None:
-        return TRAINED
-    is_better = (
-        trained.real.rmse_percent < initial.real.rmse_percent
-        and trained.simulated.rmse_percent < initial.simulated.rmse_percent
-        and trained.real.refused <= initial.real.refused
+    is_better = INITIAL not in real or (
+        real[TRAINED].rmse_percent < real[INITIAL].rmse_percent
+        and simulated[TRAINED].rmse_percent < simulated[INITIAL].rmse_percent
+        and real[TRAINED].refused <= real[INITIAL].refused
     )
     return TRAINED if is_better else INITIAL
 
 
-def publish(source: Path, kept: str, scores: Mapping[str, RunScores], out_dir: Path) -> None:
+def publish(
+    source: Path, kept: str, real: Mapping[str, AdaptationScores],
+    simulated: Mapping[str, AdaptationScores], out_dir: Path,
+) -> None:  # fmt: skip
     """Copies the kept run to out_dir, with the scores of all runs in its card."""
     out_dir.mkdir(exist_ok=True)
     for name in (BEST, LOG, CONFIG, FRAME_CHECK):
@@ -236,7 +226,7 @@ def publish(source: Path, kept: str, scores: Mapping[str, RunScores], out_dir: P
                 shutil.copyfile(source / name, temporary)
     card = source / CARD
     text = card.read_text(encoding="utf-8") if card.is_file() else LIMITS
-    section = render("adaptation/templates/card.md", kept=kept, scores=scores)
+    section = render("adaptation/templates/card.md", kept=kept, real=real, simulated=simulated)
     with atomic_write(out_dir / CARD) as temporary:
         temporary.write_text(text.replace(LIMITS, f"{section}\n{LIMITS}", 1), encoding="utf-8")
 
@@ -256,9 +246,9 @@ def scores_table(result: AdaptationResult) -> Table:
     heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region", "in 90 % interval, %",
              "depth, mm", "refused"]  # fmt: skip
     rows = [
-        [f"{run} run, {name} frames", *cells(getattr(scores, name))]
-        for run, scores in result.runs.items()
-        for name in ("real", "simulated")
+        [f"{run} run, {name} frames", *cells(scores[run])]
+        for run in result.real
+        for name, scores in (("real", result.real), ("simulated", result.simulated))
     ]
     return Table(heads, {"": rows})
 

@@ -1,6 +1,6 @@
 """t2twin calibrate, t2twin adapt"""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -151,8 +151,8 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     heads = ("press", "x mm", "y mm", "deep mm", "L1", "SSIM", "PSNR dB")
     presses = [[press.name, f"{press.x_mm:.2f}", f"{press.y_mm:.2f}", f"{press.depth_mm:.2f}",
                 *_cells(press)] for press in report.held_out]  # fmt: skip
-    means = [[field.name.replace("_", " "), "", "", "", *_cells(getattr(report.scores, field.name))]
-             for field in fields(report.scores)]  # fmt: skip
+    means = [[name.replace("_", " "), "", "", "", *_cells(score)]
+             for name, score in report.scores.items()]  # fmt: skip
     groups = {"": presses, "mean, contact crop of 100 x 100 px:": means}
     print(text(Table(heads, groups)), end="\n\n")
     if report.uncertainty is not None:
@@ -205,7 +205,7 @@ def adapt(
     print(f"minutes: {spent}\n{result.presses} held-out presses:")
     print(text(scores_table(result)))
     print(f"RMSE of zero counts: {result.zero_rmse_percent:.2f} %")
-    for name, scores in result.runs.items():
-        print(f"largest count on the background frame, {name} run: {scores.background_counts:.0f}")
+    for name, counts in result.background_counts.items():
+        print(f"largest count on the background frame, {name} run: {counts:.0f}")
     print(f"kept: the {result.kept} run")
     print(f"written to {out}: run {model}, optics.npz, index.html")

@@ -93,11 +93,11 @@ def _verify(folder: Path) -> int:
     from t2twin.sim.dataset.store import INFO, read_info
 
     faults = t2twin.verify_dataset(folder)
-    for fault in faults:
-        print(fault)
+    for path, reason in faults:
+        print(f"{path}: {reason}")
     info = read_info(folder)
     if faults:
-        damaged = {fault.part for fault in faults}
+        damaged = {path for path, _ in faults}
         own = counted(len(damaged & {INFO, *info.shards}), "file")
         repair = f"; the same `t2twin simdata` remakes {own}" if info.is_simulated else ""
         print(f"{folder} is damaged in {counted(len(damaged), 'file')}{repair * (own[0] != '0')}")

@@ -20,19 +20,9 @@ def kept(value: Any) -> Any:
     return tuple(map(kept, value)) if type(value) is tuple else value
 
 
-class kept_property(cached_property[Value]):
+def kept_property(compute: Callable[[Any], Value]) -> cached_property[Value]:
     """A cached property whose arrays are read-only."""
-
-    def __init__(self, compute: Callable[[Any], Value]) -> None:
-        super().__init__(wraps(compute)(lambda owner: kept(compute(owner))))
-
-
-class Keeper:
-    """Base of classes with kept properties, which are read-only in copies too."""
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        names = [name for name in state if isinstance(getattr(type(self), name, 0), kept_property)]
-        vars(self).update(state | {name: kept(state[name]) for name in names})
+    return cached_property(wraps(compute)(lambda owner: kept(compute(owner))))
 
 
 class Record:

@@ -124,7 +124,7 @@ def result_folder(
     Unchanged files of that result are removed. All others stay: what `check_own` refuses raises
     T2TwinError, before the block for known `names`, and before any file is moved for the rest.
     """
-    inputs = list(inputs)
+    inputs = [*inputs, *run_inputs]
     with locked(folder), temporary_folder(folder, "result") as temporary:
         check_own(folder, names, kind, inputs)
         yield temporary

@@ -30,20 +30,14 @@ FIRST_FRAMES, MAX_STILL, MIN_REPEATED = 10, 0.5, 0.1
 Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
 
 
-class Throughput:
-    """Numbers of translated and received frames, and latencies from arrival to line."""
-
-    def __init__(self) -> None:
-        self.began_s, self.translated, self.received = time.perf_counter(), 0, 0
-        self.latencies_ms: deque[float] = deque(maxlen=MAX_LATENCIES)
-
-    def __str__(self) -> str:
-        seconds = max(time.perf_counter() - self.began_s, 1e-9)
-        text = f"{self.translated / seconds:.1f} of {self.received / seconds:.1f} frames/s"
-        if self.latencies_ms:
-            median, high = np.percentile(self.latencies_ms, [50, 95])
-            text += f", median latency {median:.1f} ms (95th percentile {high:.1f} ms)"
-        return f"{text}, {self.received - self.translated} of {self.received} dropped"
+def _throughput(began_s: float, translated: int, received: int, latencies_ms: deque[float]) -> str:
+    """Rates of the frames, latencies from arrival to line, and dropped frames, in words."""
+    seconds = max(time.perf_counter() - began_s, 1e-9)
+    text = f"{translated / seconds:.1f} of {received / seconds:.1f} frames/s"
+    if latencies_ms:
+        median, high = np.percentile(latencies_ms, [50, 95])
+        text += f", median latency {median:.1f} ms (95th percentile {high:.1f} ms)"
+    return f"{text}, {received - translated} of {received} dropped"
 
 
 class RepeatedRows:
@@ -81,11 +75,11 @@ def follow(
     run: TrainedTranslator, source: Source, write: Callable[[str], None], report: Report,
     max_frames: int | None = None, background: np.ndarray | None = None,
     outputs: Sequence[Output] = (), order: FrameOrder = UPRIGHT,
-) -> Throughput:  # fmt: skip
-    """Translates the latest frame repeatedly, until the source ends.
+) -> tuple[int, int]:  # fmt: skip
+    """Translates the latest frame repeatedly; returns numbers of translated and received frames.
 
-    write: receives one line of JSON per frame; docs/how-to/live.md lists its keys. report:
-    receives messages for the user. max_frames: number of lines after which it ends. background:
+    It ends with the source, or after max_frames lines. write: receives one line of JSON per frame;
+    docs/how-to/live.md lists its keys. report: receives messages for the user. background:
     background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
     order: of the source and the background frame, which are upright here; for messages.
     outputs: receive each frame, the values of its line, and the contact too.
@@ -96,11 +90,12 @@ def follow(
     elif run.has_uncertainty:
         report(NO_BACKGROUND)
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
-    throughput, latest = Throughput(), LatestFrame(source)  # which reads from now on
-    report_due_s, last, warned = throughput.began_s + REPORT_EVERY_S, -1, False
-    reported, repeated_rows, agreed = None, RepeatedRows(report), True
+    began_s, latest = time.perf_counter(), LatestFrame(source)  # which reads from now on
+    latencies_ms, repeated_rows = deque[float](maxlen=MAX_LATENCIES), RepeatedRows(report)
+    report_due_s, last, translated, reported = began_s + REPORT_EVERY_S, -1, 0, None
+    warned, agreed = False, True
     try:
-        while max_frames is None or throughput.translated < max_frames:
+        while max_frames is None or translated < max_frames:
             ended = latest.ended  # read before the frame: a last frame may arrive with the end
             frame = latest.take(last, REPORT_EVERY_S)
             if frame is None and ended:
@@ -120,23 +115,23 @@ def follow(
                 write(json.dumps(line))
                 for output in outputs:
                     output(frame, line, contact)
-                throughput.translated, throughput.received = throughput.translated + 1, latest.read
-                throughput.latencies_ms.append(line["latency_ms"])
+                translated += 1
+                latencies_ms.append(line["latency_ms"])
                 if values["in_distribution"] is False and not warned:
                     warned = True
                     _report_class(run, frame, values["ood_class"], background, order, report)
                 if agreed and contact is not None and not contact.agrees:
                     agreed = False
                     report(f"frame {frame.number}: {DISAGREE_NOTE}")
-            state = throughput.translated, frame is None
+            state = translated, frame is None
             if not latest.ended and state != reported and time.perf_counter() >= report_due_s:
                 report_due_s, reported = time.perf_counter() + REPORT_EVERY_S, state
-                report(f"{throughput}{'; waiting for a frame' if frame is None else ''}")
+                rates = _throughput(began_s, translated, latest.read, latencies_ms)
+                report(rates + "; waiting for a frame" * (frame is None))
     finally:
         latest.close()
-    throughput.received = latest.read
-    report(str(throughput))
-    return throughput
+    report(_throughput(began_s, translated, latest.read, latencies_ms))
+    return translated, latest.read
 
 
 def _report_class(

@@ -54,30 +54,16 @@ MAX_FAMILIES = 24  # in the chart of depths (assumed: space for their names)
 SENSOR_COLORS = {"source": COLORS[0], "target": COLORS[3]}
 
 
-@dataclass(frozen=True)
-class Array:
-    """A taxel array of a dataset."""
-
-    info: ArrayInfo
-    phi: Phi
-    counts: np.ndarray  # (P, N), in the order of Dataset.table
-
-    @property
-    def saturated(self) -> np.ndarray:
-        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
-        return self.counts >= SATURATED_SHARE * self.info.full_scale_counts
-
-    @property
-    def touched(self) -> np.ndarray:
-        """(P,) bool: pairs in which a taxel exceeds MIN_CONTACT_SHARE of full scale, and its
-        readings at rest if their noise is known."""
-        least = np.full(self.counts.shape[1], MIN_CONTACT_SHARE * self.info.full_scale_counts)
-        flaws = self.info.imperfections
-        if flaws is not None:
-            mean, std = expected_reading(flaws, self.info.reading, np.zeros_like(least))
-            std = np.hypot(std, flaws.drift_counts if flaws.drift_share else 0.0)
-            least = np.maximum(least, mean + AT_REST_STDS * std + ROUNDING_COUNTS)
-        return np.any(self.counts >= least, axis=1)
+def touched(array: ArrayInfo, counts: np.ndarray) -> np.ndarray:
+    """(P,) bool: readings, (P, N), in which a taxel exceeds MIN_CONTACT_SHARE of full scale, and
+    its readings at rest if their noise is known."""
+    least = np.full(counts.shape[1], MIN_CONTACT_SHARE * array.full_scale_counts)
+    flaws = array.imperfections
+    if flaws is not None:
+        mean, std = expected_reading(flaws, array.reading, np.zeros_like(least))
+        std = np.hypot(std, flaws.drift_counts if flaws.drift_share else 0.0)
+        least = np.maximum(least, mean + AT_REST_STDS * std + ROUNDING_COUNTS)
+    return np.any(counts >= least, axis=1)
 
 
 @dataclass(frozen=True)
@@ -86,7 +72,9 @@ class Dataset:
 
     data: Path  # its folder
     info: DatasetInfo
-    arrays: dict[str, Array]  # the taxel arrays by role
+    arrays: dict[str, ArrayInfo]  # the taxel arrays by role, as the next two
+    phis: dict[str, Phi]
+    readings: dict[str, np.ndarray]  # (P, N) counts
     table: pd.DataFrame  # a row for each pair: "split", COLUMNS, contacts of the sensors
 
     @property
@@ -94,10 +82,9 @@ class Dataset:
         """Roles of the gel cameras."""
         return [role for role in self.info.sensors if role not in self.arrays]
 
-    @property
-    def array(self) -> Array:
-        """The taxel array, the target's first. Raises T2TwinError for a dataset without one."""
-        return self.arrays[self.info.role_of(COUNTS)]
+    def saturated(self, role: str) -> np.ndarray:
+        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
+        return self.readings[role] >= SATURATED_SHARE * self.arrays[role].full_scale_counts
 
     def label(self, role: str) -> str:
         """Displayed name of a sensor, with its role if both sensors have the same name."""
@@ -143,7 +130,8 @@ class Dataset:
         """(P,) bool: pairs in which no taxel is touched; without taxel arrays, of 0 N."""
         if not self.arrays:
             return self.column("force_n") == 0
-        return ~np.any([array.touched for array in self.arrays.values()], axis=0)
+        found = [touched(array, self.readings[role]) for role, array in self.arrays.items()]
+        return ~np.any(found, axis=0)
 
     def image(self, place: int, role: str | None = None) -> np.ndarray:
         """The image of a pair, (R, C, 3) uint8. role: of the gel camera; None for the first."""
@@ -171,20 +159,19 @@ def read_dataset(data: Path) -> Dataset:
     if not splits:
         raise T2TwinError(f"the dataset in {data} has no pairs")
     names = [*COLUMNS, *(column(role, name) for role in info.sensors for name in CONTACT)]
-    of_arrays = {
-        role: column(role, COUNTS) for role, one in info.sensors.items() if one.value == COUNTS
-    }
+    arrays = {role: cast(ArrayInfo, s) for role, s in info.sensors.items() if s.value == COUNTS}
+    of_arrays = {role: column(role, COUNTS) for role in arrays}
     tables = [read_split(data, split, [*names, *of_arrays.values()]) for split in splits]
     frames = [
         table.select(names).to_pandas().assign(split=split)
         for split, table in zip(splits, tables, strict=True)
     ]
-    arrays = {}
-    for role, name in of_arrays.items():
-        sensor = cast(ArrayInfo, info.sensors[role])
-        counts = np.concatenate([lists(table, name) for table in tables])
-        arrays[role] = Array(sensor, sensor.phi, counts)
-    return Dataset(data, info, arrays, pd.concat(frames, ignore_index=True))
+    readings = {
+        role: np.concatenate([lists(table, name) for table in tables])
+        for role, name in of_arrays.items()
+    }
+    phis = {role: array.phi for role, array in arrays.items()}
+    return Dataset(data, info, arrays, phis, readings, pd.concat(frames, ignore_index=True))
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
@@ -259,22 +246,21 @@ def pairs(dataset: Dataset) -> dict[str, Any]:
             if role in dataset.cameras:
                 panels.append(Panel(title, dataset.image(place, role)))
                 continue
-            array = dataset.arrays[role]
+            phi, counts = dataset.phis[role], dataset.readings[role][place]
             scale = "counts" if len(dataset.arrays) == 1 else f"counts of {title}"
-            image = array.phi(array.counts[place])
-            panels.append(Panel(title, image, array.phi, array.info.taxels, scale))
-            largest[title] = array.counts[place].max()
+            panels.append(Panel(title, phi(counts), phi, dataset.arrays[role].taxels, scale))
+            largest[title] = counts.max()
         row = dataset.table.iloc[place].to_dict()
         found.append((row, largest, panels_image(panels, PAIR_IN)))
     return {"pairs": found}
 
 
-def saturation(page: Figure, array: Array) -> None:
+def saturation(page: Figure, dataset: Dataset, role: str) -> None:
     """Draws the largest counts, the saturated taxels of a pair, and where they are."""
     largest, number, places = page.subplots(1, 3)
-    layout, saturated = array.info.taxels, array.saturated
-    bins = np.linspace(0, array.info.full_scale_counts, BINS + 1).tolist()
-    largest.hist(array.counts.max(axis=1), bins, color=COLORS[0])
+    array, saturated = dataset.arrays[role], dataset.saturated(role)
+    layout, bins = array.taxels, np.linspace(0, array.full_scale_counts, BINS + 1).tolist()
+    largest.hist(dataset.readings[role].max(axis=1), bins, color=COLORS[0])
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,g}")
     largest.locator_params(axis="x", nbins=4)
@@ -346,9 +332,9 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     left.locator_params(axis="x", nbins=6)
     left.legend()
     for axes, (role, array) in zip(others, dataset.arrays.items(), strict=True):
-        bins = np.linspace(0.0, array.info.full_scale_counts, BINS + 1).tolist()
+        bins = np.linspace(0.0, array.full_scale_counts, BINS + 1).tolist()
         for split in dataset.table["split"].unique():
-            counts = array.counts[dataset.pairs_of(split)].ravel()
+            counts = dataset.readings[role][dataset.pairs_of(split)].ravel()
             look: Any = {"color": SPLIT_COLORS[split], "label": SPLIT_NAMES[split]}
             weights = np.full(counts.size, 100.0 / counts.size)
             axes.hist(counts, bins, weights=weights, histtype="step", **look)
@@ -392,10 +378,10 @@ def gallery(dataset: Dataset) -> dict[str, Any] | None:
 
 def saturations(dataset: Dataset) -> dict[str, Any] | None:
     """Chart of the saturated counts of each taxel array, by pair and by taxel; None without one."""
-    charts = {
-        role: figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=array))
-        for role, array in dataset.arrays.items()
-    }
+    charts = {}
+    for role in dataset.arrays:
+        draw = partial(saturation, dataset=dataset, role=role)
+        charts[role] = figure("svg", WIDTH_IN, SATURATION_IN, draw)
     return {"charts": charts} if charts else None
 
 

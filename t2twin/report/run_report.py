@@ -29,7 +29,7 @@ from t2twin.report.page import (
     shape_name,
     write_page,
 )
-from t2twin.sim.dataset.info import SPLITS
+from t2twin.sim.dataset.info import COUNTS, SPLITS
 from t2twin.sim.dataset.store import INFO
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.evaluate import (
@@ -86,7 +86,7 @@ class ReportData(Dataset):
 
     def counts(self, value: float) -> str:
         """A number of counts as text, with a decimal for a small full scale."""
-        return counts_form(self.array.info.full_scale_counts).format(value)
+        return counts_form(self.info.array.full_scale_counts).format(value)
 
     @property
     def colors(self) -> dict[str, str]:
@@ -263,7 +263,8 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.info.taxels
+    predictions, layout = report.predictions[split], report.info.array.taxels
+    phi = report.phis[report.info.role_of(COUNTS)]
     image = report.image(int(report.pairs_of(split)[row]))
     truth = phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
@@ -285,7 +286,7 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
 
 def learning_curves(report: ReportData) -> dict[str, Any]:
     """Chart of the RMSE by epoch, from the logs of the runs."""
-    colors, full_scale = report.colors, report.array.info.full_scale_counts
+    colors, full_scale = report.colors, report.info.array.full_scale_counts
 
     def draw(page: Figure) -> None:
         axes = page.subplots()

@@ -12,7 +12,7 @@ import dataclasses
 import hashlib
 import json
 import warnings
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +30,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
+from t2twin.translate.inference.predictor import COUNTS, Compute, TrainedTranslator
 from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, FromPixels
 from t2twin.translate.models.field import CENTER, MAPS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
@@ -112,7 +112,7 @@ def load(
     }
     obstacle = next((text for text, applies in obstacles.items() if applies), None)
     if obstacle is None:
-        return dataclasses.replace(predictor, engine=OnnxEngine)
+        return dataclasses.replace(predictor, engine=onnx_engine)
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
     return predictor
@@ -248,52 +248,52 @@ def _run(session: Any, inputs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return dict(zip(names, session.run(names, inputs), strict=True))
 
 
-class OnnxEngine:
+def onnx_engine(run: TrainedTranslator) -> Compute:
     """Predictions of a run in ONNX Runtime; an engine of a TrainedTranslator.
 
     The file is written on first use, which takes seconds. A session starts on its first call, with
     as many threads as torch has at that time. Calls from several threads are safe.
     """
+    session_of = cache(partial(_open_session, run))
 
-    def __init__(self, run: TrainedTranslator) -> None:
-        self.run, self._session = run, cache(self._open)
-
-    def __call__(self, pixels: np.ndarray, with_contact: bool) -> dict[str, np.ndarray] | None:
-        """See predictor.Compute. None for images with different background frames, as the file has
-        one background frame per batch."""
-        channels = 1 if self.run.config.preset.grey else 3
+    def compute(pixels: np.ndarray, with_contact: bool) -> dict[str, np.ndarray] | None:
+        """None for images with different background frames, as the file has one per batch."""
+        channels = 1 if run.config.preset.grey else 3
         inputs, frames = {INPUT: _to_input(pixels[..., :channels])}, pixels[..., channels:]
         if frames.shape[-1]:
             inputs[BACKGROUND] = _to_input(frames[:1])
-        session = self._session(with_contact)
+        session = session_of(with_contact)
         if session is None or not (frames == frames[:1]).all():
             return None
         return _run(session, inputs)
 
-    def _open(self, with_contact: bool) -> Any:
-        """A session with the contact or without; None if the file cannot be written."""
-        import onnx.utils
+    return compute
 
-        home = cache_dir()
-        assert home is not None
-        path = home / FOLDER / f"{_key(self.run)}.onnx"
-        try:
-            if not path.is_file():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                _export(self.run, path)
-                files = sorted(path.parent.glob("*.onnx"), key=lambda each: each.stat().st_mtime)
-                for oldest in files[:-MAX_FILES]:
-                    oldest.unlink(missing_ok=True)
-            model = onnx.load(path)
-        except (T2TwinError, OSError):
-            return None
-        unused = {TACTILE_IMAGES, FEATURES, *(() if with_contact else (*MAPS, *CENTER))}
-        inputs = [each.name for each in model.graph.input]
-        outputs = [each.name for each in model.graph.output if each.name not in unused]
-        # ONNX Runtime computes all that is in a graph, used or not.
-        part = onnx.utils.Extractor(model).extract_model(inputs, outputs)
-        part.ir_version = model.ir_version
-        return open_onnx(part.SerializeToString(), torch.get_num_threads())
+
+def _open_session(run: TrainedTranslator, with_contact: bool) -> Any:
+    """A session with the contact or without; None if the file cannot be written."""
+    import onnx.utils
+
+    home = cache_dir()
+    assert home is not None
+    path = home / FOLDER / f"{_key(run)}.onnx"
+    try:
+        if not path.is_file():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _export(run, path)
+            files = sorted(path.parent.glob("*.onnx"), key=lambda each: each.stat().st_mtime)
+            for oldest in files[:-MAX_FILES]:
+                oldest.unlink(missing_ok=True)
+        model = onnx.load(path)
+    except (T2TwinError, OSError):
+        return None
+    unused = {TACTILE_IMAGES, FEATURES, *(() if with_contact else (*MAPS, *CENTER))}
+    inputs = [each.name for each in model.graph.input]
+    outputs = [each.name for each in model.graph.output if each.name not in unused]
+    # ONNX Runtime computes all that is in a graph, used or not.
+    part = onnx.utils.Extractor(model).extract_model(inputs, outputs)
+    part.ir_version = model.ir_version
+    return open_onnx(part.SerializeToString(), torch.get_num_threads())
 
 
 def _to_input(pixels: np.ndarray) -> np.ndarray:

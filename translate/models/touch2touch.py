@@ -13,7 +13,7 @@ Shape letters: B batch, S image side, N taxels, R rows and C columns of a full t
 """
 
 import math
-from abc import abstractmethod
+from collections import OrderedDict
 from copy import copy
 from functools import cached_property
 from typing import Self
@@ -114,28 +114,21 @@ def initialize(module: nn.Module) -> None:
         nn.init.zeros_(module.bias)
 
 
-class PatchGAN(nn.Module):
-    """Classifies each 70 x 70 patch of a pair (condition, image) as real or generated.
+def patch_gan(channels: int, filters: int) -> nn.Sequential:
+    """Classifies each 70 x 70 patch of a condition with an image as real or generated.
 
-    channels_in: the condition's and the image's together. filters: base width, 64 in the paper.
+    (B, channels, S, S) -> (B, 1, S/8 - 2, S/8 - 2) logits, positive for real. channels: of both
+    together. filters: base width, 64 in the paper.
     """
-
-    def __init__(self, channels_in: int = 2, filters: int = 64):
-        super().__init__()
-        layers: list[nn.Module] = [nn.Conv2d(channels_in, filters, 4, 2, 1), nn.LeakyReLU(0.2)]
-        for width, stride in ((2, 2), (4, 2), (8, 1)):
-            layers += [
-                nn.Conv2d(filters * width // 2, filters * width, 4, stride, 1, bias=False),
-                nn.BatchNorm2d(filters * width),
-                nn.LeakyReLU(0.2),
-            ]
-        layers.append(nn.Conv2d(filters * 8, 1, 4, 1, 1))
-        self.layers = nn.Sequential(*layers)
-        self.apply(initialize)
-
-    def forward(self, condition: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
-        """(B, c, S, S) and (B, c', S, S) -> (B, 1, S/8 - 2, S/8 - 2) logits, positive for real."""
-        return self.layers(torch.cat([condition, image], dim=1))
+    layers: list[nn.Module] = [nn.Conv2d(channels, filters, 4, 2, 1), nn.LeakyReLU(0.2)]
+    for width, stride in ((2, 2), (4, 2), (8, 1)):
+        layers += [
+            nn.Conv2d(filters * width // 2, filters * width, 4, stride, 1, bias=False),
+            nn.BatchNorm2d(filters * width),
+            nn.LeakyReLU(0.2),
+        ]
+    layers.append(nn.Conv2d(filters * 8, 1, 4, 1, 1))
+    return nn.Sequential(OrderedDict(layers=nn.Sequential(*layers))).apply(initialize)
 
 
 def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
@@ -157,7 +150,7 @@ def _membership(images: torch.Tensor) -> torch.Tensor:
 
 
 class Pix2Pix(Translator):
-    """The generator, which predicts, and the discriminator."""
+    """The generator, which predicts images of a gel camera, and the discriminator."""
 
     to_input = staticmethod(to_scaled)
     mean = std = np.array([0.5], np.float32)
@@ -166,7 +159,7 @@ class Pix2Pix(Translator):
         channels_in = 1 if preset.grey else COLORS
         channels_out = channels_in if info.target.value == IMAGE else 1
         self.generator = UNet(preset.size, preset.filters, channels_in, channels_out)
-        self.discriminator = PatchGAN(channels_in + channels_out, preset.filters)
+        self.discriminator = patch_gan(channels_in + channels_out, preset.filters)
         networks = {"generator": self.generator, "discriminator": self.discriminator}
         super().__init__(preset, info, device, bf16, networks)
 
@@ -178,9 +171,13 @@ class Pix2Pix(Translator):
             for name, share in shares.items()
         }
 
-    @abstractmethod
     def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
-        """(B, c', S, S) in [-1, 1], of the targets of Examples."""
+        """(B, c', S, S) in [-1, 1], of the targets of Examples: the images, (B, S, S, c')."""
+        return to_scaled(targets / WHITE_GREY)
+
+    def read(self, outputs: torch.Tensor) -> Outputs:
+        """See Translator. Grey levels, not rounded."""
+        return {"image": (outputs.float().permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)}
 
     def step(self, examples: Examples) -> Outputs:
         """One step of the discriminator, then one of the generator, which minimizes the adversarial
@@ -189,14 +186,14 @@ class Pix2Pix(Translator):
         targets = self.target_pictures(examples.targets.to(self.device))
         with self.precision():
             generated = self.generator(inputs)
-            real_logits = self.discriminator(inputs, targets)
-            generated_logits = self.discriminator(inputs, generated.detach())
+            real_logits = self.discriminator(torch.cat([inputs, targets], dim=1))
+            generated_logits = self.discriminator(torch.cat([inputs, generated.detach()], dim=1))
         # halved to slow the discriminator down
         loss = 0.5 * (_adversarial(real_logits, 1.0) + _adversarial(generated_logits, 0.0))
         self.descend(loss, self.discriminator, "discriminator")
         self.discriminator.requires_grad_(False)
         with self.precision():
-            logits = self.discriminator(inputs, generated)
+            logits = self.discriminator(torch.cat([inputs, generated], dim=1))
         losses = {
             "discriminator": loss,
             "adversarial": _adversarial(logits, 1.0),
@@ -270,15 +267,3 @@ class Touch2Touch(Pix2Pix):
         same = np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER)
         other.phi = phi.with_inverse_from(same)
         return other
-
-
-class ImageTranslator(Pix2Pix):
-    """pix2pix with images of a gel camera as targets."""
-
-    def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
-        """The images, (B, S, S, c), scaled."""
-        return to_scaled(targets / WHITE_GREY)
-
-    def read(self, outputs: torch.Tensor) -> Outputs:
-        """See Translator. Grey levels, not rounded."""
-        return {"image": (outputs.float().permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)}

@@ -28,14 +28,14 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_net import CONTACT, SHEAR
 from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
+from t2twin.translate.models.touch2touch import Pix2Pix, Touch2Touch
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG, RunConfig, TrainingState
 
 # Translators by value of the target and by model; all take preset, dataset, device and bf16
 TRANSLATORS: dict[str, dict[str, Any]] = {
     COUNTS: {"touch2touch": Touch2Touch, "resnet18": ResNet18Translator, "field": FieldTranslator},
-    IMAGE: {"touch2touch": ImageTranslator},
+    IMAGE: {"touch2touch": Pix2Pix},
 }
 # Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
 # both)
