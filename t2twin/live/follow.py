@@ -90,10 +90,9 @@ def follow(
     elif run.has_uncertainty:
         report(NO_BACKGROUND)
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
-    began_s, latest = time.perf_counter(), LatestFrame(source)  # which reads from now on
+    began_s, latest, last, translated = time.perf_counter(), LatestFrame(source), -1, 0
     latencies_ms, repeated_rows = deque[float](maxlen=MAX_LATENCIES), RepeatedRows(report)
-    report_due_s, last, translated, reported = began_s + REPORT_EVERY_S, -1, 0, None
-    warned, agreed = False, True
+    report_due_s, reported, warned, agreed = began_s + REPORT_EVERY_S, None, False, True
     try:
         while max_frames is None or translated < max_frames:
             ended = latest.ended  # read before the frame: a last frame may arrive with the end
