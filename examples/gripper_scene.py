@@ -193,7 +193,7 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
         sensors.append(
             t2twin.attach(
                 spec, sensor=sensor, site=f"{side}_pad", pos=(0.0, 0.0, -1e-3 * thickness_mm),
-                friction=device.friction, geometry="visual", seed=0,
+                friction=device.friction.coefficient, geometry="visual", seed=0,
             )
         )  # fmt: skip
         force = spec.add_actuator(name=f"{side}_force", target=side)

@@ -14,6 +14,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.types import FORCE_RANGE_N, MAX_YAW_DEG, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_rows
@@ -102,7 +103,7 @@ def path_commands(
 
 
 def touches_along(
-    sensors: SensorPair, shape: Shape, commands: Sequence[PressCommand], friction: float | None,
+    sensors: SensorPair, shape: Shape, commands: Sequence[PressCommand], friction: Friction | None,
     rng: np.random.Generator | None, only: str | None = None,
 ) -> Iterator[Touch]:  # fmt: skip
     """The touches of a path, one for each command; rng, only: as for `SensorPair.press`.
@@ -128,7 +129,7 @@ def slide_to(
     sensors: SensorPair,
     touch: Touch,
     command: PressCommand,
-    friction: float | dict[str, float] | None,
+    friction: Friction | dict[str, Friction] | None,
 ) -> Touch:
     """Slide the shape of a touch to another pose and force, in steps of at most MAX_STEP_MM and
     MAX_STEP_DEG; without images and counts. Raises T2TwinError as `solve_contact` does."""

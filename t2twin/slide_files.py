@@ -214,7 +214,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
     lines = axes.plot(travel, force_n, ".-", color=draw.COLORS[0], label="tangential force")
     if contact.motion is not None:
-        limit_n = contact.motion.friction[0] * column("force_n")
+        limit_n = contact.motion.friction[0].limit_n(column("force_n"))
         limit_n = np.where(np.isnan(force_n), np.nan, limit_n)
         look: Any = {"color": LIMIT_COLOR, "label": "limit of friction", "linewidth": 1}
         lines += axes.plot(travel, limit_n, "--", **look)

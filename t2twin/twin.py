@@ -10,7 +10,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
-from t2twin.sim.contact.elastomer import Elastomer, check_friction
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.optical.image_renderer import Renderer
 from t2twin.sim.optical.markers import Markers
@@ -140,7 +140,7 @@ class Twin:
         Raises T2TwinError for invalid numbers, for a touch without contact or of other sensors,
         gels or covers, where nothing changes, and where the shape leaves a pad.
         """
-        check_friction(friction)
+        law = None if friction is None else Friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
             raise T2TwinError("the touch has no contact; press with a force above 0 N first")
         self.sensors.check_own(touch)
@@ -155,7 +155,7 @@ class Twin:
         self.sensors.check_over_pads(touch, commands[-1])
         touches = []
         for command in commands:
-            moved = slide_to(self.sensors, touch, command, friction)
+            moved = slide_to(self.sensors, touch, command, law)
             touch = self.sensors.with_readings(moved, rng, before=touch)
             touches.append(touch)
         warn_of_limits(touches)
@@ -183,11 +183,11 @@ class Twin:
         Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
         """
         given = Press("", tilt_x_deg=tilt_x_deg, tilt_y_deg=tilt_y_deg, seed=seed)
-        check_friction(friction)
+        law, rng = None if friction is None else Friction(friction), given.rng
         solid = load_shape(shape, scale, center)
         commands = path_commands(solid.name, path, tilt_rad=given.tilt_rad)
         warn_of_tilt(solid, commands[0])
-        touches = list(touches_along(self.sensors, solid, commands, friction, given.rng))
+        touches = list(touches_along(self.sensors, solid, commands, law, rng))
         warn_of_limits(touches)
         return touches
 

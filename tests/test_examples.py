@@ -87,7 +87,7 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     assert (name, held) == ("allen-key", "yes")
     weight_n = 0.0316 * 9.81
     sensors = SensorPair()
-    limit_n = weight_n / (sensors.source.friction + sensors.target.friction)
+    limit_n = weight_n / (sensors.source.friction.coefficient + sensors.target.friction.coefficient)
     # The grip force falls by a factor of e^(1 / (rate x time)) between two readings.
     assert 0.5 * limit_n < float(slipped_n) < 1.5 * limit_n
     rmse, covered = float(figures[0].replace(",", "")), float(figures[1])

@@ -10,7 +10,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.sliding import Load, advance, carry, owner_of
 from t2twin.sim.contact.types import Contact, PressCommand
@@ -30,7 +30,7 @@ def ball(x_mm=0.0, y_mm=0.0, radius_mm=4.0, name="ball"):
 
 
 def load(shape, force_n=4.0, shear_n=(0.0, 0.0), torque_nmm=0.0, motion=(0.0, 0.0, 0.0)):
-    return Load(shape, force_n, shear_n, torque_nmm, motion, FRICTION)
+    return Load(shape, force_n, shear_n, torque_nmm, motion, Friction(FRICTION))
 
 
 def pressed(load, elastomer=FLAT, pitch_mm=0.5):
@@ -62,7 +62,7 @@ def test_the_forces_of_a_slide_give_its_traction(elastomer, pitch_mm):
     slid = found = pressed(load(shape), elastomer, pitch_mm)
     for x_mm in (0.1, 0.2, 0.1):
         step_mm = x_mm - slid.command.x_mm
-        slid = advance(slid, step_mm, 0.0, 0.0, 4.0, FRICTION)
+        slid = advance(slid, step_mm, 0.0, 0.0, 4.0, Friction(FRICTION))
         surface = replace(shape.surface, x_mm=shape.surface.x_mm + x_mm)
         there = Shape("there", shape.mesh, surface, shape.spacing_mm)
         torque = slid.torque_nmm + x_mm * slid.shear_n[1]
@@ -80,7 +80,9 @@ def test_compliance_of_a_ball(share):
     3 mu P (2 - nu) / (16 G a) (1 - (1 - Q / mu P)^(2/3)), exact for nu = 0."""
     young, friction, force = 1.0, 0.2, 0.1
     half_space = Elastomer("thick", 100.0, young, 0.0, 12.0, 12.0, law="linear")
-    pushed = Load(ball(), force, (share * friction * force, 0.0), 0.0, (0.0, 0.0, 0.0), friction)
+    pushed = Load(
+        ball(), force, (share * friction * force, 0.0), 0.0, (0.0, 0.0, 0.0), Friction(friction)
+    )
     contact = carry(half_space, 0.1, [pushed], None)
     radius = (0.75 * force * 4.0 / young) ** (1 / 3)
     full_mm = 3 * friction * force * 2 / (16 * young / 2 * radius)
@@ -123,7 +125,7 @@ def test_too_large_a_torque_leaves_the_force():
 
 
 def test_no_friction_and_tiny_forces():
-    slick = replace(load(ball(), 4.0, (1.0, 0.0), 2.0, (0.1, 0.0, 0.0)), friction=0.0)
+    slick = replace(load(ball(), 4.0, (1.0, 0.0), 2.0, (0.1, 0.0, 0.0)), friction=Friction(0.0))
     contact = carry(FLAT, 0.5, [slick], carry(FLAT, 0.5, [slick], None))
     assert contact.settled and not contact.shear_kpa.any()
     light = load(ball(), 0.01, (1e-9, 0.0), -1e-9)

@@ -18,6 +18,7 @@ import t2twin
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -65,7 +66,7 @@ def text_of(content: dict[str, Any], table: str = "") -> str:
 def contacts(elastomer: t2twin.Elastomer, pitch_mm: float, friction: float) -> list[Any]:
     """A press, and the contact after a short slide, as a sensor makes them."""
     press = solve_contact(BALL, PressCommand("ball", 0.3, -0.2, 0.0, 30.0), elastomer, pitch_mm)
-    return [press, advance(press, 0.5, 0.2, 0.0, 30.0, friction)]
+    return [press, advance(press, 0.5, 0.2, 0.0, 30.0, Friction(friction))]
 
 
 def readings(sensor: Sensor) -> Iterator[Any]:
@@ -81,7 +82,7 @@ def readings(sensor: Sensor) -> Iterator[Any]:
         yield sensor.image(None), sensor.image(None, rng(0))
         if sensor.spec.units is not None:
             yield sample_unit(rng(0), sensor.spec, UnitRanges()).optics.background
-    for contact in contacts(sensor.elastomer, sensor.pitch_mm, sensor.friction):
+    for contact in contacts(sensor.elastomer, sensor.pitch_mm, sensor.friction.coefficient):
         yield contact.pressure_kpa, contact.surface_mm
         if isinstance(sensor, GelCamera):
             yield sensor.image(contact), sensor.with_options({"markers": True}).image(contact)

@@ -25,7 +25,7 @@ from benchmarks.motion import slides_closed_forms as closed_forms
 from benchmarks.motion import slides_fem as fem
 from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
@@ -158,7 +158,9 @@ def compare(kind: str, layer: Layer, slide: fem.Slide, folder: Path) -> dict[str
     states, largest_n = [], float(expected.tangential_n.max())
     for moved_mm, *state in zip(np.diff(expected.moved_mm), *expected.after_press(), strict=True):
         normal_n, tangential_n, markers_mm = state
-        contact = advance(contact, float(moved_mm), 0.0, 0.0, float(normal_n), SLIDE_FRICTION)
+        contact = advance(
+            contact, float(moved_mm), 0.0, 0.0, float(normal_n), Friction(SLIDE_FRICTION)
+        )
         error_n = float(contact.shear_n[0] - tangential_n)
         found_mm = _at_markers(contact, slide.markers_mm)
         states.append(

@@ -112,19 +112,27 @@ class Elastomer:
         )
         return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))
 
-    def limit_mpa(self, friction: float, pressure_mpa: np.ndarray) -> np.ndarray:
-        """The largest traction along the surface, Coulomb's up to full contact."""
-        return friction * np.minimum(pressure_mpa, self.full_mpa)
-
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Local thickness, mm, at points of equal shape."""
         return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
 
 
-def check_friction(coefficient: float | None) -> None:
-    """Raises T2TwinError for a coefficient of friction out of range; None is a sensor's own."""
-    if coefficient is not None:
-        arguments.number(coefficient, "friction", 0.0, MAX_FRICTION)
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's friction up to full contact. Raises T2TwinError for a coefficient out of range."""
+
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        arguments.number(self.coefficient, "friction", 0.0, MAX_FRICTION)
+
+    def limit_mpa(self, pressure_mpa: np.ndarray, elastomer: Elastomer) -> np.ndarray:
+        """The largest traction along the surface under a pressure."""
+        return self.coefficient * np.minimum(pressure_mpa, elastomer.full_mpa)
+
+    def limit_n(self, force_n: Any) -> Any:
+        """The largest tangential force under a normal one that presses nowhere fully."""
+        return self.coefficient * force_n
 
 
 class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -164,6 +172,11 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
                     f"{name} is {getattr(self, name):g}, with which the surface falls below the "
                     f"base within {reach_mm:g} mm; expected at least {least_mm:.4g}"
                 )
+
+    @property
+    def law_of_friction(self) -> Friction:
+        """The friction of the surface."""
+        return Friction(self.friction)
 
     def elastomer(self, name: str) -> Elastomer:
         """The layer as it is pressed."""

@@ -18,7 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_bodies
 from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.friction import (
     AT_LIMIT,
     PREDICTION_TOLERANCE,
@@ -87,7 +87,7 @@ class Slide:
     dx_mm: float
     dy_mm: float
     dyaw_rad: float
-    friction: float  # coefficient
+    friction: Friction
     # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
     # with the contact, and whole steps do not overshoot.
     prescribed: ClassVar = False
@@ -99,7 +99,7 @@ class Slide:
     ) -> tuple[np.ndarray, np.ndarray, bool]:
         """The traction under the pressure of a contact; the displacement of a surface that sticks
         to the shape, mm; whether the traction converged. predicts: for the contact before."""
-        limit = normal.elastomer.limit_mpa(self.friction, 1e-3 * normal.pressure_kpa[step.window])
+        limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
         spread, dome, guess = fields
         # The motion of the shape at the displaced points of the surface.
         command, (rows, columns) = step.contact.command, step.window
@@ -122,7 +122,7 @@ class Slide:
 
 def advance(
     contact: Contact, dx_mm: float, dy_mm: float, dyaw_rad: float, force_n: float, friction:
-    float,
+    Friction,
 ) -> Contact:  # fmt: skip
     """The contact after a small motion of the shape, see Slide, with a force.
 
@@ -308,7 +308,7 @@ def _window(contact: Contact, start: Motion) -> Window:
     return window_around(dilated(loaded, WINDOW_CELLS))
 
 
-def still_motion(contact: Contact, friction: tuple[float, ...]) -> Motion:
+def still_motion(contact: Contact, friction: tuple[Friction, ...]) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     return Motion(friction, np.zeros((2, *shape)), np.zeros(shape))
@@ -328,7 +328,7 @@ class Load:
     # dx_mm, dy_mm, dyaw_rad of the body's surface along the sensor since the last contact, rotated
     # about the sensor's z axis. None for a new place of contact, without traction.
     motion: tuple[float, float, float] | None
-    friction: float  # coefficient
+    friction: Friction
 
     def __post_init__(self) -> None:
         arguments.number(self.force_n, "force_n")

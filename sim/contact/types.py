@@ -17,7 +17,7 @@ from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.displacements import unfolded
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.friction import AT_LIMIT
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
@@ -131,7 +131,7 @@ class Motion(Result):
     of the grid, from which the next step starts. They are None before the first step.
     """
 
-    friction: tuple[float, ...]  # coefficient of each body in the step
+    friction: tuple[Friction, ...]  # of each body in the step
     shear_mpa: np.ndarray  # (2, ny, nx) traction on the sensor along x and y
     slip_mm: np.ndarray  # (ny, nx) length of the shape's path over the surface so far
     window: Window | None = None
@@ -297,10 +297,10 @@ class Contact(Result):
 
 
 def limit_mpa(
-    frictions: Sequence[float], owner: np.ndarray, pressure_mpa: np.ndarray, elastomer: Elastomer
+    frictions: Sequence[Friction], owner: np.ndarray, pressure_mpa: np.ndarray, elastomer: Elastomer
 ) -> np.ndarray:
     """The largest traction on each cell, whose body is the owner, (rows, columns) index."""
-    limits = np.stack([elastomer.limit_mpa(friction, pressure_mpa) for friction in frictions])
+    limits = np.stack([friction.limit_mpa(pressure_mpa, elastomer) for friction in frictions])
     return limits[0] if len(limits) == 1 else np.take_along_axis(limits, owner[None], 0)[0]
 
 

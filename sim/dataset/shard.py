@@ -22,6 +22,7 @@ from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
@@ -182,7 +183,8 @@ def _samples(
                 sensors, units = _unit(part, unit, recipe, own, tally)
                 present = unit
             attempts = path_attempts(recipe, part, name_of(source), number, path, first)
-            press = partial(_touches, sensors, friction, tally)
+            laws = {name: Friction(value) for name, value in friction.items()}
+            press = partial(_touches, sensors, laws, tally)
             touches, accepted = press_until_accepted(attempts, shape, press, tally.rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
@@ -236,7 +238,7 @@ def rejection_reason(touch: Touch) -> str | None:
 
 
 def _touches(
-    sensors: SensorPair, friction: dict[str, float], tally: Tally, shape: Shape,
+    sensors: SensorPair, friction: dict[str, Friction], tally: Tally, shape: Shape,
     commands: Sequence[PressCommand], rng: np.random.Generator,
 ) -> list[Touch]:  # fmt: skip
     """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""

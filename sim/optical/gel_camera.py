@@ -23,7 +23,7 @@ from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import sha256_of
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer, MountTable
+from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.camera import PARALLAX_STEPS, Camera, optical_grid
@@ -150,9 +150,9 @@ class GelCamera:
         return rows, columns
 
     @property
-    def friction(self) -> float:
-        """Coefficient of friction of the gel."""
-        return self.spec.gel.friction
+    def friction(self) -> Friction:
+        """The friction of the gel."""
+        return self.spec.gel.law_of_friction
 
     @property
     def mount(self) -> MountTable:

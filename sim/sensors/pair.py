@@ -11,6 +11,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
 from t2twin.sim.contact.sliding import advance
@@ -142,7 +143,7 @@ class SensorPair:
             Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
 
     def advance(
-        self, touch: Touch, command: PressCommand, friction: float | dict[str, float] | None
+        self, touch: Touch, command: PressCommand, friction: Friction | dict[str, Friction] | None
     ) -> Touch:
         """Move the shape of a touch by a small step, with friction; without images and counts.
 

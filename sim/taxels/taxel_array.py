@@ -16,7 +16,7 @@ from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer, MountTable
+from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.layout import MAX_TAXELS, Layout, load_layout
@@ -124,9 +124,9 @@ class TaxelArray:
         return self.spec.cover.grid_mm
 
     @property
-    def friction(self) -> float:
-        """Coefficient of friction of the cover."""
-        return self.spec.cover.friction
+    def friction(self) -> Friction:
+        """The friction of the cover."""
+        return self.spec.cover.law_of_friction
 
     @property
     def mount(self) -> MountTable:

@@ -19,7 +19,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer
+from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer, Friction
 from t2twin.sim.contact.pin_layout import SURVEY_MM, OffPadError
 from t2twin.sim.contact.sliding import Load, carry, owner_of
 from t2twin.sim.contact.types import FORCE_RANGE_N, SMALL, UNSETTLED, Contact
@@ -403,7 +403,7 @@ def _trials(body: Body, limit: float) -> Iterator[tuple[Load, float, bool]]:
         return
     along_x, along_y, _ = (limit * body.force_n).tolist()
     force_n, torque_nmm = limit * body.pressing_n, limit * float(body.torque_nmm[2])
-    friction, surface = min(body.friction, MAX_FRICTION), body.shape.surface
+    friction, surface = Friction(min(body.friction, MAX_FRICTION)), body.shape.surface
     covered_mm2 = np.count_nonzero(surface.heights_mm > NOTHING_MM / 2) * surface.pitch_mm**2
     is_thin = covered_mm2 < SURVEY_MM**2 or not covers_square(surface.heights_mm, THIN_CELLS)
     # The last begins without traction.

@@ -318,14 +318,14 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.contact.elastomer import check_friction
+    from t2twin.sim.contact.elastomer import Friction
     from t2twin.sim.slide import touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
 
     rng, (shape, pair, only) = options.rng, options.load()
-    check_friction(options.friction)
+    friction = None if options.friction is None else Friction(options.friction)
     commands = options.commands(shape, pair)
-    touches = touches_along(pair, shape, commands, options.friction, rng, only)
+    touches = touches_along(pair, shape, commands, friction, rng, only)
     folder = options.folder("slide", shape)
     log = None if options.rerun is None else RerunLog(options.rerun)
     if log is not None:

@@ -347,7 +347,7 @@ class Controls:
             self.handles[name].min, self.handles[name].max = -half_mm, half_mm
         thickness_mm = pair.source.elastomer.thickness_mm
         self.handles["depth_mm"].max = max(round(thickness_mm / 2, 1), 0.1)
-        self._own_friction = pair.source.friction
+        self._own_friction = pair.source.friction.coefficient
         names = [
             NONE,
             *(name for each in sensors for name in getattr(each.spec, "imperfections", ())),

@@ -12,7 +12,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.elastomer import check_friction
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.press import OPTIONS, Press
 from t2twin.sim.sampling.protocol import FORCE_N, SCALES, indices, press_of
@@ -164,16 +164,16 @@ class PressResult:
                 f"the slide has {len(self.rows):,} steps; lift the shape off to begin another"
             )
         check_force(force_n)
-        check_friction(state.friction)
         sensors.check_over_pads(self.touch, _command(self.touch, target))
         start = np.array(astuple(row))
         change = astuple(target) - start
         distance_mm, rotation_deg = hypot(change[0], change[1]), abs(float(change[2]))
         steps = ceil(max(distance_mm / MAX_STEP_MM, rotation_deg / MAX_STEP_DEG, 1.0) - ROUNDING)
         touch, rows, tangential = self.touch, list(self.rows), list(self.tangential)
+        friction = None if state.friction is None else Friction(state.friction)
         for step in range(1, min(steps, MAX_STEPS) + 1):
             part = PathRow(*(start + step / steps * change).tolist()) if step < steps else target
-            touch = slide_to(sensors, touch, _command(touch, part), state.friction)
+            touch = slide_to(sensors, touch, _command(touch, part), friction)
             rows.append(part)
             tangential.append(_tangential(touch))
         left = max(0.0, 1.0 - MAX_STEPS / steps)
@@ -194,7 +194,7 @@ def _tangential(touch: Touch) -> Tangential:
         sensor: (
             float(np.hypot(*contact.shear_n)),
             contact.torque_nmm,
-            0.0 if motion is None else motion.friction[0] * contact.force_n,
+            0.0 if motion is None else motion.friction[0].limit_n(contact.force_n),
         )
         for sensor, contact in touch.contacts.items()
         for motion in [contact.motion]
