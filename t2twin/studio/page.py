@@ -15,8 +15,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.studio import cards
 from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, Inputs
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
-from t2twin.studio.server import NamedFrame, Studio
 from t2twin.studio.session import PressResult, PressState, Session, file_name
+from t2twin.studio.translators import NamedFrame, Shared
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -50,9 +50,9 @@ class Page:
     runs: names of the selected translators. result: the shown press, None before the first.
     """
 
-    def __init__(self, client: viser.ClientHandle, studio: Studio) -> None:
-        self._client, self.studio = client, studio
-        self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
+    def __init__(self, client: viser.ClientHandle, shared: Shared) -> None:
+        self._client, self.shared = client, shared
+        self.folder = Path(tempfile.mkdtemp(dir=shared.folder))
         self.inputs = Inputs(client, self.folder)
         self.runs: tuple[str, ...] = ()
         self._missing = cards.LOADING  # in place of translations
@@ -165,7 +165,7 @@ class Page:
     def _find_runs(self) -> None:
         """Adds a checkbox for each run and loads the default ones, after the first press."""
         self._idle.wait()
-        self._translators = self._session.translators = self.studio.translators()
+        self._translators = self._session.translators = self.shared.translators()
         with self._runs_folder:
             for name in self._translators.names:
                 is_default = name in self._translators.default_names
@@ -226,7 +226,7 @@ class TranslateTab:
     """
 
     def __init__(self, page: Page) -> None:
-        inputs, gui, studio = page.inputs, page.inputs.gui, page.studio
+        inputs, gui, shared = page.inputs, page.inputs.gui, page.shared
         self._page = page
         self._frame: NamedFrame | None = None
         self._ended, self._lock = Event(), Lock()
@@ -236,7 +236,7 @@ class TranslateTab:
         self.upload = inputs.upload(
             "Upload a frame",
             "PNG or JPEG of any size",
-            lambda path: self._show(studio.read_frame(path)),
+            lambda path: self._show(shared.read_frame(path)),
         )
         icons = viser.Icon
         inputs.button("Current image, with noise", icons.PHOTO, self._show_current, slow=True)
@@ -244,25 +244,25 @@ class TranslateTab:
         inputs.upload(
             "Upload a background frame",
             "Frame of the same sensor without contact",
-            lambda path: self._set_background(studio.read_frame(path)),
+            lambda path: self._set_background(shared.read_frame(path)),
         )
         self._no_background = inputs.button(
             "Remove the background frame", icons.X, lambda: self._set_background(None), slow=True
         )
-        files = studio.source_files()
+        files = shared.source_files()
         if len(files) > 1:
             slider = gui.add_slider(
                 "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
             )
-            show_file = lambda number: self._show(studio.read_frame(files[number]))  # noqa: E731
+            show_file = lambda number: self._show(shared.read_frame(files[number]))  # noqa: E731
             inputs.connect(slider.on_update, show_file, slow=True)
-        if studio.source is not None:
+        if shared.source is not None:
             live = gui.add_checkbox(
-                f"Live: {Path(studio.source).name}", False, hint="Translate frames as they arrive"
+                f"Live: {Path(shared.source).name}", False, hint="Translate frames as they arrive"
             )
             inputs.connect(live.on_update, self._follow, slow=True)
         self._shown = gui.add_html("")
-        self._set_background(studio.background)
+        self._set_background(shared.background)
 
     def close(self) -> None:
         """Stops following the source."""
@@ -281,7 +281,7 @@ class TranslateTab:
         if not is_on:
             return
         self._ended = ended = Event()
-        latest, last = self._page.studio.latest_frames(), -1
+        latest, last = self._page.shared.latest_frames(), -1
         while not ended.is_set():
             frame = latest.take(last, timeout_s=1.0)
             if frame is None and latest.ended:
@@ -311,6 +311,6 @@ class TranslateTab:
             frame, background, runs = self._frame, self._background, self._page.runs
             if frame is not None:
                 pixels = None if background is None else background[0]
-                translators = self._page.studio.translators()
+                translators = self._page.shared.translators()
                 found = translators.translate(frame[0], runs, pixels)
                 self._shown.content = cards.frame_html(frame, background, found)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
+from t2twin.live.sources import LatestFrame, open_source
 
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import ArrayInfo
@@ -187,3 +189,59 @@ def _truth(touch: "Touch", data: "ArrayInfo") -> np.ndarray | None:
     if data.same_layout(touch.layout.x_mm, touch.layout.y_mm):
         return touch.counts.astype(float)
     return array.noiseless(touch.of_array.contact, data.taxels)
+
+
+NamedFrame = tuple[np.ndarray, str]
+"""A frame, (h, w, 3) or (h, w) uint8, and its name."""
+
+
+class Shared:
+    """What all pages of a studio share.
+
+    folder: of the clients' files. runs: folders of trained runs; if empty, runs in the folder
+    `runs` are found. source: frames to translate, as for `t2twin live`. background: background
+    frame of the same sensor. order: of all stored frames. Raises T2TwinError for an invalid run,
+    source or image.
+    """
+
+    def __init__(
+        self, folder: Path, runs: Sequence[Path], source: str | None, background: Path | None,
+        order: FrameOrder = UPRIGHT,
+    ) -> None:  # fmt: skip
+        self.folder, self.source, self._order = folder, source, order
+        self.background = None if background is None else self.read_frame(background)
+        self._frames = None if source is None else open_source(source, order)
+        self._latest: LatestFrame | None = None
+        self._translators = Translators(runs) if runs else None
+        self._lock = Lock()
+
+    def read_frame(self, path: Path) -> NamedFrame:
+        """Reads an image file. Raises T2TwinError if it is not an image."""
+        from t2twin.translate.data.images import read_image
+
+        return read_image(path, self._order), path.name
+
+    def translators(self) -> Translators:
+        """The translators; imports torch."""
+        with self._lock:
+            if self._translators is None:
+                self._translators = Translators()
+            return self._translators
+
+    def latest_frames(self) -> LatestFrame:
+        """The latest frames of the source from now on; restarts a video that has ended."""
+        with self._lock:
+            if self._latest is None or self._latest.ended:
+                assert self.source is not None
+                self._latest = LatestFrame(self._frames or open_source(self.source, self._order))
+                self._frames = None
+            return self._latest
+
+    def source_files(self) -> list[Path]:
+        """The image files of a source that is a folder, sorted by name; else none."""
+        from t2twin.translate.inference.files import find_images
+
+        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
+            with suppress(T2TwinError):  # a folder without images so far
+                return find_images([self.source])
+        return []
