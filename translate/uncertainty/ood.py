@@ -249,7 +249,7 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> float:
     return float((one * other).sum()) / norm if norm > 0 else 0.0
 
 
-def _spectra(pattern: np.ndarray) -> tuple[np.ndarray, list[float], list[int]] | None:
+def _spectra(pattern: np.ndarray) -> tuple[Any, list[float], list[Any]] | None:
     """Of a pattern's upper and lower half: spectra, sums of squares, shape; None if too small."""
     if len(pattern) < PATTERN_PX - 2:
         return None
@@ -263,7 +263,7 @@ def _is_shifted(one: Any, fixed: Any) -> bool:
     """Whether a pattern, or a half of it, is the fixed one somewhere else, by their `_spectra`."""
     if one is None:
         return False
-    halves = fft.irfft2((one[0] * fixed[0].conj()).sum(axis=1), one[2])
+    halves: Any = fft.irfft2((one[0] * fixed[0].conj()).sum(axis=1), one[2])
     found = np.stack([halves.sum(axis=0), *halves])
     squares = [np.array([sum(each[1]), *each[1]]) for each in (one, fixed)]
     found = np.roll(found, (MAX_SHIFT, MAX_SHIFT), (1, 2))[:, : 2 * MAX_SHIFT, : 2 * MAX_SHIFT]
