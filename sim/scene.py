@@ -29,7 +29,13 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
     state = contact.pins
     pins, over, pairs = _pin_elements(state)
     field, surface = _surface_elements(contact)
-    mesh, solid = ("", "") if mesh_file is None else _solid_elements(contact, mesh_file)
+    mesh = solid = ""
+    if mesh_file is not None:
+        quaternion, (x, y, z) = contact.shape_pose
+        place = f'pos="{x:.6g} {y:.6g} {z + contact.depth_mm:.6g}"'
+        quat = " ".join(f"{value:.9g}" for value in quaternion)
+        mesh = f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>'
+        solid = f'<geom class="solid" {place} quat="{quat}"/>'
     mass = SHAPE_MASS * np.median(state.stiffness_n_per_mm) * STEP_S**2
     heights = " ".join(f"{-depth:.9g}" for depth in state.deflection_mm)
     model = escape(f"{shape.name} on the {elastomer.name}")
@@ -117,16 +123,6 @@ def _pin_elements(state: PinState) -> tuple[str, str, str]:
         )
         pairs.append(f'<pair geom1="over{i}" geom2="tip{i}"/>')
     return "".join(pins), "".join(over), "".join(pairs)
-
-
-def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
-    """The mesh, and the solid's geom at first touch."""
-    quaternion, (x, y, z) = contact.shape_pose
-    quat = " ".join(f"{value:.9g}" for value in quaternion)
-    return (
-        f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>',
-        f'<geom class="solid" pos="{x:.6g} {y:.6g} {z + contact.depth_mm:.6g}" quat="{quat}"/>',
-    )
 
 
 def mesh_name(shape: Shape) -> str | None:

@@ -13,6 +13,7 @@ reaches the equilibrium.
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from threading import Lock, get_ident
 
 import mujoco
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from t2twin.core.cache_dir import cache_dir, short_digest, write_once
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
+from t2twin.core.machine import trim_memory
 from t2twin.sim.contact.solver_loops import spring_depth
 
 # Radius of the balls, mm: more than the penetration in any step. Neighboring balls may overlap, as
@@ -46,6 +48,7 @@ MIN_CACHED_PINS = 1024  # compiled models with at least this number of pins are 
 # Models of up to this number of pins are prepared for attached sensors (assumed: boxes, balls and
 # cylinders on both bundled elastomers need up to 3,500).
 PREPARED_PINS = 4096
+IDLE_PINS = 20480  # of a thread's idle models, 8 kB each: contacts of most sizes need no more
 PARKED_MM = 1.0e4  # height of the shape's ball above an unused pin, mm
 # Pins that are read at once, to be attached to the others: MuJoCo's time to read bodies grows with
 # the square of their number.
@@ -112,9 +115,10 @@ def _model(pins: int) -> mujoco.MjModel:
     with suppress(T2TwinError):  # a full disk: it is compiled the next time too
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
-        write_once(path, lambda file: file.write(content.tobytes()))
+        write_once(path, lambda file: file.write(content.data))
         for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
             older.unlink(missing_ok=True)
+    trim_memory()  # compiling frees twice the memory of the model
     return model
 
 
@@ -182,8 +186,9 @@ _log.logto_file = False  # else a warning writes MUJOCO_LOG.TXT to the working d
 _log.logto_console = False  # the solver handles a step that diverges
 _log.set()
 
-# Pool of compiled models by number of pins: compiling takes longer than a press.
-_idle: dict[int, list[MujocoPins]] = {}
+# The idle models, the last used at the end: to compile or load one takes longer than a press.
+_idle: list[MujocoPins] = []
+_lock, _threads = Lock(), set[int]()  # _threads: those that ever borrowed a model
 
 
 @contextmanager
@@ -194,20 +199,23 @@ def borrowed_pins(pins: int) -> Iterator[MujocoPins]:
         raise T2TwinError(
             f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
         )
-    pool = _idle.setdefault(size, [])
-    try:
-        model = pool.pop()
-    except IndexError:  # all are in use
-        model = MujocoPins(size)
+    with _lock:
+        _threads.add(get_ident())
+        model = next((each for each in _idle if each.pins == size), None)
+        if model is not None:
+            _idle.remove(model)
+        most = IDLE_PINS * len(_threads) - size
+        while model is None and _idle and sum(each.pins for each in _idle) > most:
+            del _idle[0]
+    model = model or MujocoPins(size)
     try:
         yield model
     finally:
-        pool.append(model)
+        _idle.append(model)
 
 
 def prepare_models() -> None:
     """Compile or load the models of ordinary contacts: up to 1 s, so that no contact waits."""
-    for size in POOL_SIZES:
-        if size <= PREPARED_PINS:
-            with borrowed_pins(size):
-                pass
+    for size in POOL_SIZES[: POOL_SIZES.index(PREPARED_PINS) + 1]:
+        with borrowed_pins(size):
+            pass

@@ -17,21 +17,22 @@ from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import trimesh
 from msgspec import structs
 from msgspec.json import encode
 
 from t2twin.core import arguments
-from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import SIGNALS, TEMPORARY_NAMES, is_empty, locked, temporary_folder
+from t2twin.core.jit import cached_code
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact import solver_loops
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.info import (
     FORMAT,
@@ -61,6 +62,9 @@ from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, checked, for_pair, 
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
+if TYPE_CHECKING:
+    import trimesh
+
 STATE = ("shards", "complete")  # fields of info.json that are no parameters of the dataset
 MAX_WORKERS = 1000  # processes (assumed: more than any machine has cores)
 CONNECT_SECONDS = 20  # timeout of the connection to a Dask scheduler
@@ -86,7 +90,7 @@ def make_dataset(
     """
     folder = arguments.path(folder, "folder").absolute()
     check_workers(workers)
-    check_seed(0 if seed is None else seed)
+    arguments.check_seed(0 if seed is None else seed)
     if recipe == PAPER and scale is None:
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
@@ -216,7 +220,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     warn(*dict.fromkeys(notes))
 
 
-def tool_in(mesh: trimesh.Trimesh) -> str | None:
+def tool_in(mesh: "trimesh.Trimesh") -> str | None:
     """The name of the first tool that a body of a mesh equals, or None."""
     own = invariants(mesh)
     for tool in catalogue.TOOLS:
@@ -231,7 +235,7 @@ def _tool_invariants(tool: str) -> np.ndarray:
     return invariants(catalogue.tool_mesh(tool))
 
 
-def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
+def invariants(mesh: "trimesh.Trimesh") -> np.ndarray:
     """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising, of
     each body with a volume. A mesh ten times as coarse changes them by less than 1 %."""
     rows = []
@@ -259,8 +263,7 @@ def _make_dataset(
                 "another folder, or remove that one"
             )
     try:
-        present_shards = {batch.path: _made(folder, batch, present) for batch in batches}
-        made = {path: shard for path, shard in present_shards.items() if shard is not None}
+        made = {b.path: shard for b in batches if (shard := _made(folder, b, present))}
         todo = [batch for batch in batches if batch.path not in made]
         if todo:
             write_info(folder, replace(present, complete=False))
@@ -287,8 +290,7 @@ def _made(folder: Path, batch: Batch, info: DatasetInfo) -> Shard | None:
     """A shard that exists and is whole, also one of an interrupted run; None for another."""
     path, known = folder / batch.path, info.shards.get(batch.path)
     try:
-        with pq.ParquetFile(path) as file:
-            rows = file.metadata.num_rows
+        rows = pq.read_metadata(path).num_rows
     except (OSError, pa.ArrowException):
         return None
     shard = Shard(sha256_of(path), rows)
@@ -369,6 +371,13 @@ def _results(
     ):
         file = place / "context.pickle"
         file.write_bytes(pickle.dumps((make, versions())))
+        if scheduler is None and cached_code(solver_loops.__file__) == []:
+            # Compiling takes 0.1 GiB, which this process frees when it ends.
+            with _processes(1) as first:
+                batch = todo.pop()
+                shard, tally = first.submit(make_shard_in_worker, str(file), batch).result()
+            tally.peaks.clear()
+            yield batch, (shard, tally)
         futures = {pool.submit(make_shard_in_worker, str(file), batch): batch for batch in todo}
         for future in as_completed(futures):
             yield futures.pop(future), future.result()

@@ -179,10 +179,14 @@ def _write_frames(
     for each in features:
         for episode in episodes:
             ends = (episode[f"dataset_{end}_index"] - before[1] for end in ("from", "to"))
-            samples = samples_of(each, columns[each.name][slice(*ends)])
-            totals[each.name].append(samples)
-            if each.dtype == IMAGE:
-                totals[each.name] = [np.sum(totals[each.name], axis=0)]
+            samples = columns[each.name][slice(*ends)]
+            if each.dtype == IMAGE:  # the number of pixels of each gray level and channel
+                counts = (histogram_of(image["bytes"].as_py()) for image in samples)
+                samples = sum(counts, start=np.zeros((1, 1)))
+                totals[each.name] = [np.sum([*totals[each.name], samples], axis=0)]
+            else:
+                samples = samples.astype(np.float32)
+                totals[each.name].append(samples)
             found = statistics_of(each, samples, episode["length"])
             episode |= {f"stats/{each.name}/{key}": value for key, value in found.items()}
     schema = with_features(pa.schema([(each.name, each.arrow_type) for each in features]))
@@ -287,14 +291,6 @@ def _episode_types(features: list[Feature]) -> pa.Schema:
         kinds += [(f"stats/{each.name}/{name}", kind) for name in names]
         kinds.append((f"stats/{each.name}/count", pa.list_(pa.int64())))
     return pa.schema(kinds)
-
-
-def samples_of(feature: Feature, values: Any) -> np.ndarray:
-    """What the statistics of some frames are computed from: (frames, components) float32, or of
-    images the number of pixels of each gray level and channel, (LEVELS, 3)."""
-    if feature.dtype != IMAGE:
-        return values.astype(np.float32)
-    return sum((histogram_of(each["bytes"].as_py()) for each in values), start=np.zeros((1, 1)))
 
 
 @lru_cache(maxsize=2)  # the rows of an episode repeat their background frame

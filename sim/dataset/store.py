@@ -250,15 +250,18 @@ def iter_images(folder: str | Path, shard: str, name: str) -> Iterator[bytes]:
 def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.ParquetFile]:
     """A shard. Raises T2TwinError where its bytes are not those of info.json."""
     path = (Path(folder) / shard).absolute()
+    repair = "`t2twin import-pairs` into a new folder makes it again"
+    if info.is_simulated:
+        repair = "the same `t2twin simdata` makes it again"
     try:
         about = path.stat()
         found = _sha256_at(path, about.st_size, about.st_mtime_ns)
     except OSError as error:
-        raise T2TwinError(f"{path} cannot be read ({error.strerror}); {_repair(info)}") from error
+        raise T2TwinError(f"{path} cannot be read ({error.strerror}); {repair}") from error
     if found != info.shards[shard].sha256:
         raise T2TwinError(
             f"{path} is not the shard that was written, by its SHA-256; `t2twin simdata --verify "
-            f"{folder}` lists all damage, and {_repair(info)}"
+            f"{folder}` lists all damage, and {repair}"
         )
     with pq.ParquetFile(path) as file:
         yield file
@@ -268,13 +271,6 @@ def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.Pa
 def _sha256_at(path: Path, size: int, changed_ns: int) -> str:
     """sha256 of a file of this size and time of change, computed once in a process."""
     return sha256_of(path)
-
-
-def _repair(info: DatasetInfo) -> str:
-    """How to replace a shard."""
-    if info.is_simulated:
-        return "the same `t2twin simdata` makes it again"
-    return "`t2twin import-pairs` into a new folder makes it again"
 
 
 def verify_dataset(folder: str | Path) -> list[tuple[str, str]]:
