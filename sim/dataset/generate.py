@@ -211,8 +211,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
             notes += shape.notes
             if part.split == "test" and not part.val_share:
                 continue
-            tool = tool_in(shape.mesh)
-            if tool is not None:
+            if tool := tool_in(shape.mesh):
                 raise T2TwinError(
                     f"{path} is the tool {tool}, which is a test object; remove it, or give its "
                     'part split = "test" and no val_share'
@@ -372,8 +371,7 @@ def _results(
         file = place / "context.pickle"
         file.write_bytes(pickle.dumps((make, versions())))
         if scheduler is None and cached_code(solver_loops.__file__) == []:
-            # Compiling takes 0.1 GiB, which this process frees when it ends.
-            with _processes(1) as first:
+            with _processes(1) as first:  # it frees the 0.1 GiB of compiling when it ends
                 batch = todo.pop()
                 shard, tally = first.submit(make_shard_in_worker, str(file), batch).result()
             tally.peaks.clear()

@@ -223,8 +223,7 @@ def iter_shards(
         )
     for path in shards:
         with _opened(folder, path, info) as file:
-            lacking = {*(columns or ())} - {*file.schema_arrow.names}
-            if lacking:
+            if lacking := {*(columns or ())} - {*file.schema_arrow.names}:
                 raise T2TwinError(f"{folder} has no column {min(lacking)}")
             yield file.read(columns=columns)
 
