@@ -37,7 +37,7 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
         solid = f'<geom class="solid" {place} quat="{quat}"/>'
     mass = SHAPE_MASS * np.median(state.stiffness_n_per_mm) * STEP_S**2
     heights = " ".join(f"{-depth:.9g}" for depth in state.deflection_mm)
-    return f"""<mujoco model="{escape(f'{contact.shape.name} on the {elastomer.name}')}">
+    return f"""<mujoco model="{escape(f"{contact.shape.name} on the {elastomer.name}")}">
   <compiler angle="radian"/>
   <option timestep="{STEP_S:g}" integrator="discrete" solver="Newton" gravity="0 0 0"
     tolerance="1e-10"><flag refsafe="disable" island="disable"/></option>
