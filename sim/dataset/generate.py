@@ -392,6 +392,7 @@ def _processes(number: int) -> Iterator[Executor]:
     except BaseException as error:
         for child in {*multiprocessing.active_children()} - others:
             child.kill()
+            child.join()
         if isinstance(error, BrokenProcessPool):
             raise T2TwinError(
                 "a worker was killed, as the system does when memory runs out, or could not start; "
