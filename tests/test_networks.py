@@ -57,8 +57,8 @@ def test_paper_preset_trains_the_published_networks() -> None:
     translator = Touch2Touch(find_preset("touch2touch", "paper"), info(), CPU, bf16=False)
     assert parameters(translator.generator) == 54_407_809
     discriminator = translator.discriminator
-    assert isinstance(discriminator.layers[0], nn.Conv2d)
-    assert discriminator.layers[0].weight.shape == (64, 2, 4, 4)  # the grey picture and the image
+    first = next(each for each in discriminator.modules() if isinstance(each, nn.Conv2d))
+    assert first.weight.shape == (64, 2, 4, 4)  # the grey picture and the image
     assert parameters(discriminator) == 2_768_705 - 4 * 64 * 16
 
 
