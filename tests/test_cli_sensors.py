@@ -32,8 +32,8 @@ def test_the_shown_file_is_a_file_to_start_from(name, capsys):
 def test_check_of_a_gel_camera_writes_background_image_and_difference(capsys):
     Path("mine.toml").write_text('extends = "digit"\nname = "mine"\n[gel]\nyoung_mpa = 0.3\n')
     main(["sensors", "check", "mine.toml", "--out", "pictures/mine.png"])
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("mine: 2.00 N at ") and line.endswith("wrote pictures/mine.png")
+    line, written = capsys.readouterr().out.splitlines()
+    assert line.startswith("mine: 2.00 N at ") and written == "written to pictures/mine.png"
     with Image.open("pictures/mine.png") as image:
         background, pressed, difference = np.split(np.asarray(image).astype(int), 3, axis=1)
     assert background.shape == (320, 240, 3)

@@ -10,7 +10,7 @@ from pages import Reader, draw_only, read_page
 from PIL import Image
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.report.page import PAGE
 from t2twin.report.run_report import SECTIONS, write_report
 from t2twin.sim.dataset.import_pairs import import_pairs
@@ -47,7 +47,8 @@ def own_pairs(folder: Path, splits: str, shapes: tuple[str, ...] = (), poses: bo
             | ({"x_mm": 1.5 if row % 2 else ""} if poses else {})
         )
     pd.DataFrame(rows).to_csv(source / "pairs.csv", index=False)
-    import_pairs(source, folder / "data", layout, full_scale=FULL_SCALE)
+    with pytest.warns(T2TwinWarning, match=f"the images are {COLUMNS} x {ROWS} pixels"):
+        import_pairs(source, folder / "data", layout, full_scale=FULL_SCALE)
     return folder / "data"
 
 

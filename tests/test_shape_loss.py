@@ -100,12 +100,15 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
         torch.manual_seed(1)
         drawn = before.generator(images)
         real = before.target_pictures(counts)
-        pairs = (before.discriminator(images, real), before.discriminator(images, drawn.detach()))
+        pairs = (
+            before.discriminator(torch.cat([images, each], dim=1))
+            for each in (real, drawn.detach())
+        )
         likely_real, likely_drawn = map(torch.sigmoid, pairs)
         expected = -0.5 * (likely_real.log().mean() + (1 - likely_drawn).log().mean())
         assert losses[weight]["discriminator"] == pytest.approx(expected.item(), rel=1e-4)
         before.discriminator.load_state_dict(one.discriminator.state_dict())
-        likely = torch.sigmoid(before.discriminator(images, drawn))
+        likely = torch.sigmoid(before.discriminator(torch.cat([images, drawn], dim=1)))
         shape = soft_iou_loss((drawn + 1) / 2, (real + 1) / 2)
         whole = -likely.log().mean() + 100 * (drawn - real).abs().mean() + weight * shape
         whole.backward()

@@ -3,8 +3,8 @@
     python -m benchmarks grooves BOARDS
 
 BOARDS is the folder data/board of the repository wngfra/FabricSlide (Wang et al., Frontiers in
-Neurorobotics 2022), which is not part of the project: slides of a capacitive fingertip at 5 to
-30 mm/s over two boards, whose grooves are as wide as the ridges. The depth of the grooves, the
+Neurorobotics 2022), which is not part of the project. It has slides of a capacitive fingertip at
+5 to 30 mm/s over two boards, whose grooves are as wide as the ridges. The depth of the grooves, the
 forces, the finger's layers and the places of its taxels are not published.
 
 The twin makes the same motion with `fingertip.toml`, at a constant force, or at the height of this
@@ -173,8 +173,8 @@ def board(period_mm: float, groove_mm: float, reach_mm: float) -> Shape:
 
 
 def summary(slides: list[Slide], period_mm: float) -> dict[str, float]:
-    """Medians over slides; noise of the slowest, where the signal changes least; the amplitude of
-    the fastest over that of the slowest; and the lag, from the way behind at all speeds."""
+    """Medians over slides. The noise is that of the slowest, where the signal changes least. The
+    ratio of speeds is that of amplitudes. The lag follows from the way behind at all speeds."""
     rows = [slide.figures(period_mm) for slide in slides]
     speeds = np.array([slide.speed_mm_s for slide in slides])
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}

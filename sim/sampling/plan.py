@@ -50,8 +50,8 @@ class MotionPath:
 
 
 Attempt = tuple[tuple[PressCommand, ...], np.random.Generator, int | None]
-"""Commands of a press, of 0 N without contact, and of the touches of its path after it; random
-numbers of the sensors' noise; number of the attempt, None for a press on the grid."""
+"""Commands of a press and of the touches of its path, random numbers of the sensors' noise, and the
+number of the attempt. A press of 0 N has no contact. The number is None for a press on the grid."""
 
 
 @dataclass(frozen=True)
