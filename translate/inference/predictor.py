@@ -21,7 +21,7 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
-from t2twin.core.images import fault_of, is_colored, is_noise
+from t2twin.core.images import fault_of, is_colored, is_noise, is_wide
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
@@ -411,9 +411,11 @@ class TrainedTranslator:
         classes, images: all of one unit, as arrays or as files, which are read in an order.
         """
         wrong = [n for n, each in enumerate(classes) if each.inside is False]
-        frame = images[wrong[0]] if background is None and wrong else background
-        if isinstance(frame, Path):
-            frame = read_image(frame, order)
+        image = images[wrong[0]] if wrong else None
+        image = read_image(image, order) if isinstance(image, Path) else image
+        frame = image if background is None else background
+        if image is not None and frame is not None and is_wide(image) != is_wide(frame):
+            return "the background frame and the images lie on different sides; store both alike"
         kinds = {*classes} & {*INVERSE_TRANSFORMS, *VAGUE[1:], OODClass.OTHER_ORDER}
         found = UPRIGHT if frame is None else self.order_of(frame, LIKELY if kinds else CLEAR)
         if found == UPRIGHT:
