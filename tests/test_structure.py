@@ -10,11 +10,11 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
-    "t2twin": 9_300,
+    "t2twin": 9_250,
     "translate": 7_600,
-    "sim": 15_000,
-    "primitives_cad": 2_550,
-    "maintenance": 630,
+    "sim": 14_950,
+    "primitives_cad": 2_540,
+    "maintenance": 620,
     "tests": 19_000,
     "benchmarks": 6_990,
 }
