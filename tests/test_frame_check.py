@@ -64,7 +64,7 @@ def test_stored_frames_are_named_and_put_right(order: FrameOrder, tmp_path: Path
     counts = t2twin.translate_images([files["image"]], tmp_path / "right", **given, order=order)
     expected = t2twin.load().predict(own["image"], own["background"])
     np.testing.assert_allclose(counts[0], expected, rtol=1e-4, atol=0.01)
-    with pytest.warns(T2TwinWarning, match="lie on different sides"):
+    with pytest.warns(T2TwinWarning, match="background frame is rotated"):
         t2twin.load().predict(own["image"], np.ascontiguousarray(np.rot90(own["background"])))
 
 

@@ -369,7 +369,7 @@ def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
         ("a = [\n", r"mine\.toml: "),
         ("light.leds = [{size_mm = 1.0, color = [1, nan]}]", r"light.leds\[0\].color\[1\] is nan"),
         ("", "kind is missing; expected gel-camera or taxel-array"),
-        ('extends = "digit"\nkind = "taxel-array"\n', "kind differs"),
+        ('extends = "digit"\nkind = "taxel-array"\n', "kind is not that of digit, gel-camera"),
     ],
 )
 def test_files_that_are_no_sensors_are_one_sentence(text, sentence, tmp_path):

@@ -248,9 +248,11 @@ class Equilibrium:
         for _ in range(GUESSES):
             if before is not None and (self.compliance == before).all():
                 break  # with the same springs, the contact would be the same
-            of_bodies = zip(self._forces, pins.parts, strict=True)
             self.depths_mm = np.array(
-                [spring_depth(n, pins.gap_mm[at], pins.covered[at], np.inf) for n, at in of_bodies]
+                [
+                    spring_depth(force, pins.gap_mm[part], pins.covered[part], np.inf)
+                    for force, part in zip(self._forces, pins.parts, strict=True)
+                ]
             )
             pressed = np.maximum(self.depths_mm[pins.bodies] - pins.gap_mm, 0.0)
             self.active = pins.with_neighbors(pressed > 0)

@@ -174,7 +174,7 @@ class ImageRenderer:
 
     @cached_property
     def _unmarked_light(self) -> np.ndarray:
-        """Its light."""
+        """The linear light of the background frame without markers."""
         return self._light.take(self._unmarked)
 
     def _on_gel(self, background: np.ndarray) -> np.ndarray:

@@ -107,7 +107,8 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         other = path_of(path.parent / name if name.endswith(".toml") else name, f"{path}: extends")
         base, folder = _content(other, (*extended, path.resolve()))
         if content.get("kind", kind := base.get("kind")) != kind:
-            raise T2TwinError(f"{path}: kind differs from that of {name}, {kind!r}; remove one")
+            other_kind = f"kind is not that of {name}, {kind}, which it extends"
+            raise T2TwinError(f"{path}: {other_kind}; remove `kind` or `extends`")
     if "file" in _table(content, "layout"):
         folder = path.parent
     optics = _table(content, "light").get("optics")

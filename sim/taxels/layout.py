@@ -102,7 +102,7 @@ def check_layout(layout: Layout) -> None:
     places = np.column_stack([layout.x_mm, layout.y_mm])
     across = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)[2][1]
     if np.ptp(places @ across) < CLOSEST_MM:
-        raise T2TwinError(f"the taxels of layout {layout.name} lie on one line; add one off it")
+        raise T2TwinError(f"the taxels of layout {layout.name} lie on one line; move one off it")
     sizes_mm = layout.pad_diameter_mm / SQUARE_TO_ROUND
     free_mm = layout.distances_mm(layout) - (sizes_mm[:, None] + sizes_mm) / 2
     np.fill_diagonal(free_mm, np.inf)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -105,7 +105,7 @@ def sensors(
         with result_folder(path.parent, path.name, [path.name]) as folder:
             reading = loaded.read(contact)
             reading.picture().save(folder / path.name, "PNG")
-        print("; ".join([contact_summary(loaded.name, contact), *reading.notes]))
+        print(contact_summary(loaded.name, contact, reading.notes))
         print(f"written to {path}")
     else:
         load_sensor(sensor)
@@ -301,7 +301,7 @@ def press(
     _print_notes(shape)
     for name, reading in touch.readings.items():
         if reading.contact is not None:
-            print("; ".join([contact_summary(name, reading.contact), *reading.notes]))
+            print(contact_summary(name, reading.contact, reading.notes))
     for name, reading in touch.readings.items():
         if (counts := getattr(reading, "counts", None)) is not None:
             print(f"{name}: counts: {' '.join(map(str, counts))}")
@@ -369,15 +369,15 @@ def _slide_summary(sensor: str, row: "dict[str, float]") -> str:
     )
 
 
-def contact_summary(sensor: str, contact: "Contact") -> str:
-    """One line about a contact."""
+def contact_summary(sensor: str, contact: "Contact", notes: Sequence[str] = ()) -> str:
+    """One line about a contact, with the notes of its reading."""
     from t2twin.sim.touch import contact_notes
 
     line = (
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
-    return "; ".join([line, *contact_notes(contact)])
+    return "; ".join([line, *contact_notes(contact), *notes])
 
 
 def studio(

@@ -1,4 +1,4 @@
-"""Arrays that a record or a cache keeps: read-only, so that no caller changes another's results."""
+"""Arrays and mappings that records and caches keep: read-only, so that no caller changes them."""
 
 from collections.abc import Callable
 from functools import cached_property, wraps

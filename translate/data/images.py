@@ -169,10 +169,10 @@ def check_pixels(pixels: np.ndarray, size: int, channels: Sequence[int]) -> None
 
 
 def _array(value: object, name: str, expected: str) -> np.ndarray:
-    is_array = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
-    if isinstance(value, np.ndarray) and is_array and value.dtype == np.uint8:
+    is_masked = np.ma.is_masked(value)
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8 and not is_masked:
         return value
-    found = f"of {value.dtype}" if isinstance(value, np.ndarray) and is_array else describe(value)
+    found = f"of {value.dtype}" if type(value) is np.ndarray else describe(value)
     raise T2TwinError(
         f"{name} is {found}; expected {expected}, NumPy arrays of uint8 from 0 to 255"
     )

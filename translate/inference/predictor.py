@@ -415,7 +415,7 @@ class TrainedTranslator:
         image = read_image(image, order) if isinstance(image, Path) else image
         frame = image if background is None else background
         if image is not None and frame is not None and is_wide(image) != is_wide(frame):
-            return "the background frame and the images lie on different sides; store both alike"
+            return "the background frame is rotated against the images; store both in one order"
         kinds = {*classes} & {*INVERSE_TRANSFORMS, *VAGUE[1:], OODClass.OTHER_ORDER}
         found = UPRIGHT if frame is None else self.order_of(frame, LIKELY if kinds else CLEAR)
         if found == UPRIGHT:
