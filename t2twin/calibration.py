@@ -12,7 +12,7 @@ from t2twin.core.frame_order import FrameOrder
 from t2twin.sim.calibrate import calibrate as fits
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.optical.camera import Camera
-from t2twin.translate.inference.load import contact_warnings, load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.runs.config import load_config, pretrained_runs, resolve_run
 
 P = ParamSpec("P")
@@ -23,12 +23,17 @@ def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: s
     """That a background frame is stored in another order, or shows a contact, by pretrained runs
     of the sensor."""
     frame = upright_frame(read_frame(path, order), camera, order)
+    said = []
     for name in pretrained_runs():
         config = load_config(resolve_run(name))
-        is_own = config.data.camera.name == sensor and config.has_uncertainty
-        if is_own and (stored := load_run(name).stored((), frame, (), order)):
+        if config.data.camera.name != sensor or not config.has_uncertainty:
+            continue
+        run = load_run(name)
+        if stored := run.stored((), frame, (), order):
             return [f"{path}: {stored}"]
-    return contact_warnings(frame, str(path), sensor)
+        if run.shows_contact(frame)[0]:
+            said.append(f"{path} shows a contact, by {name}; expected a frame without")
+    return said
 
 
 def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:

@@ -156,6 +156,11 @@ def test_a_background_frame_that_shows_a_contact_is_named(run) -> None:
     assert run.classify_frames(frame, twin.background) == [OODClass.IN_DISTRIBUTION]
     assert run.classify_frames(twin.background, frame) == [OODClass.TOUCHED_BACKGROUND]
     assert run.shows_contact([frame, twin.background]) == [True, False]
+    y, x = np.indices(frame.shape[:2])  # a ray of light in the gel, which changes the force
+    ray = 1.0 + 0.5 * np.exp(-np.square((x - 0.5 * y - 30.0) / 10.0))[..., None]
+    lit, behind = ((each * ray).clip(0, 255).astype(np.uint8) for each in (frame, twin.background))
+    assert run.classify_frames(lit, behind) == [OODClass.IN_DISTRIBUTION]
+    assert run.shows_contact([lit, behind]) == [True, False]
 
 
 def colored(rng: np.random.Generator, number: int) -> np.ndarray:

@@ -40,7 +40,6 @@ from t2twin.translate.runs.config import (
     DEFAULT_RUN,
     FRAME_CHECK,
     load_config,
-    pretrained_runs,
     resolve_run,
 )
 
@@ -123,18 +122,6 @@ def load_run(
 ) -> TrainedTranslator:
     """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
     return load(run, layout, bf16, "torch").need_counts("a prediction of counts")
-
-
-def contact_warnings(frame: np.ndarray, name: str, sensor: str) -> list[str]:
-    """A sentence for each pretrained run of a sensor that finds a contact in a background frame,
-    (rows, columns, 3) uint8, upright. name: names it in the sentences."""
-    said = []
-    for run_name in pretrained_runs():
-        config = load_config(resolve_run(run_name))
-        is_own = config.data.camera.name == sensor and config.has_uncertainty
-        if is_own and load_run(run_name).shows_contact(frame)[0]:
-            said.append(f"{name} shows a contact, by {run_name}; expected a frame without")
-    return said
 
 
 def export_onnx(run: TrainedTranslator, path: str | Path, force: bool = False) -> float:

@@ -195,7 +195,7 @@ def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     else:
         alike = {k: _correlation(undo(pattern), fixed) for k, undo in INVERSE_TRANSFORMS.items()}
         nearest = max(alike, key=lambda kind: alike[kind])
-        if alike[nearest] >= MIN_PATTERN:
+        if alike[nearest] >= MIN_PATTERN and differences[nearest] <= MAX_BORDER_GREY:
             return nearest
     nearest = min(differences, key=lambda kind: differences[kind])
     if differences[nearest] < TRANSFORMED_SHARE * difference:
