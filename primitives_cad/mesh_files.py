@@ -132,7 +132,8 @@ def _check_size(path: Path, sides: np.ndarray, unit_mm: float) -> None:
 
     if not fits(unit_mm):
         width, length, height = (float(side) * unit_mm for side in sides)
-        scales = [f"{scale:g} if it is in {unit}" for unit, scale in UNITS.items() if fits(scale)]
+        case = "its millimeters are" if path.suffix.lower() in (".step", ".stp") else "it is in"
+        scales = [f"{scale:g} if {case} {unit}" for unit, scale in UNITS.items() if fits(scale)]
         raise T2TwinError(
             f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
             f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"

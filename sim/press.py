@@ -41,8 +41,8 @@ class Press:
         seed: Seed of the camera noise and of the array's imperfections; none without a seed.
         source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file.
         target: The second sensor.
-        scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
-            (3MF, GLB, STEP), else 1.
+        scale: mm per unit of the file: 1000 for meters, 25.4 for inches; of STEP, which is read in
+            mm, a factor. Default: the file's unit (3MF, GLB, STEP), else 1.
         layout: Taxel layout of a taxel array: a name, or a JSON or CSV file with x_mm and y_mm.
         optics: A gel camera's light and, if it was fitted, its gel's modulus, as written by
             t2twin calibrate; default: those of the sensor's file.

@@ -100,4 +100,6 @@ def read_rows(path: Path, kind: type[Record]) -> tuple[Record, ...]:
     for field in known:
         if field.default is MISSING and field.name not in names:
             raise T2TwinError(f"{path} has no column {field.name}; it has {', '.join(names)}")
-    return tuple(convert(cells, kind, f"{path}, {place}", strict=False) for place, cells in rows)
+    return tuple(
+        convert(cells, kind, f"{path}, {place}", strict=False, row=True) for place, cells in rows
+    )

@@ -66,13 +66,15 @@ def test_every_command_has_help(capsys):
         assert command in capsys.readouterr().out
 
 
-def test_a_path_that_begins_with_a_dash_or_is_empty_is_named(capsys):
+def test_words_that_cannot_be_meant_are_named(capsys):
     Path("-x.png").touch()
     run("translate", "-x.png", code=2)
     assert "-x.png begins with a dash; give it as ./-x.png" in capsys.readouterr().err
     for words in (["translate", ""], ["press", "--out", ""], ["press", "--out="]):
         run(*words, code=2)
         assert "the value of an option is empty" in capsys.readouterr().err
+    run("press", "square-2", "--x-mm", "1", "--x_mm=2", code=2)
+    assert "--x-mm is given 2 times" in capsys.readouterr().err
 
 
 def test_doctor_finds_this_machine_fit(capsys):

@@ -82,10 +82,13 @@ def test_a_run_gets_a_check_that_its_predictions_use(moving_dataset, tmp_path, m
     run = load_run(run_dir).need_uncertainty("the test")
     even = np.full((320, 240, 3), 90, np.uint8)
     assert run.classify_frames(even) != [OODClass.IN_DISTRIBUTION]
-    (run_dir / FRAME_CHECK).write_bytes(b"not weights")
-    run = load_run(run_dir).need_uncertainty("the test")
-    with pytest.raises(T2TwinError, match="is not a frame check"):
-        run.classify_frames(even)
+    unknown, other = FrameCheck(check.center.numel()), FrameCheck(8)
+    unknown.center.fill_(torch.nan)
+    for each, words in ((unknown, "is not a frame check"), (other, "of another run")):
+        save_weights(run_dir / FRAME_CHECK, each.state_dict())
+        run = load_run(run_dir).need_uncertainty("the test")
+        with pytest.raises(T2TwinError, match=words):
+            run.classify_frames(even)
 
 
 def test_near_units_are_not_other_units_and_drift(moving_dataset: Path) -> None:

@@ -146,6 +146,9 @@ def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
     cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path), unit="INCH", outputUnit="INCH")
     assert read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
     assert read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
+    cq.exporters.export(cq.Workplane().box(0.03, 0.03, 0.03), str(path))
+    with pytest.raises(T2TwinError, match=r"25\.4 if its millimeters are inches, 1000 if"):
+        read_solid(path)
 
 
 @pytest.mark.parametrize("scale", [0.0, np.inf])

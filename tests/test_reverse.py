@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import t2twin
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.translate.data.pairs import Examples, load_pairs
 from t2twin.translate.inference.load import export_onnx
 from t2twin.translate.models.presets import PRESETS
@@ -51,6 +51,8 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
     whole = counts.astype(np.uint16)
     assert np.array_equal(run.predict_image(whole), run.predict_image(counts // 1))
     assert run.predict_image(np.empty((0, 20))).shape == (0, 32, 32)
+    with pytest.warns(T2TwinWarning, match="all counts lie between 0 and 1; expected counts"):
+        run.predict_image(counts / 40_000)
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,11 @@ class Elastomer:
                 f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
                 f"{THINNEST_MM:g} mm thick, a flat one 0.1 mm"
             )
+        if self.dome_flat_mm >= self.length_mm / 2 and np.isfinite(self.dome_length_radius_mm):
+            raise T2TwinError(
+                f"dome_flat_mm is {self.dome_flat_mm:g}, so that dome_length_radius_mm has no "
+                f"effect; expected less than half of length_mm, {self.length_mm / 2:g}"
+            )
         arguments.choice(self.law, "law", get_args(Law))
 
     @property
@@ -160,13 +165,13 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 
     def __post_init__(self) -> None:
         self.elastomer("the layer").cells(self.grid_mm)
-        reach_y_mm = max(self.length_mm / 2 - self.dome_flat_mm, 0.0)
+        reach_y_mm = self.length_mm / 2 - self.dome_flat_mm
         for name, reach_mm in (
             ("dome_width_radius_mm", self.width_mm / 2), ("dome_length_radius_mm", reach_y_mm),
         ):  # fmt: skip
             # the circle through the apex, and through the base at the edge or its own end
             height_mm = min(self.thickness_mm, reach_mm)
-            least_mm = reach_mm and (reach_mm**2 + height_mm**2) / (2 * height_mm)
+            least_mm = height_mm and (reach_mm**2 + height_mm**2) / (2 * height_mm)
             if getattr(self, name) < least_mm:
                 raise T2TwinError(
                     f"{name} is {getattr(self, name):g}, with which the surface falls below the "

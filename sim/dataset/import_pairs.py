@@ -14,12 +14,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, defstruct
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import new_folder, read_file
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.elastomer import elastomer_json
@@ -32,6 +33,7 @@ from t2twin.sim.dataset.info import (
     CameraInfo,
     DatasetInfo,
     Shard,
+    normalized,
     versions,
 )
 from t2twin.sim.dataset.store import write_card, write_info, write_shard
@@ -52,13 +54,12 @@ Name = Annotated[str, Meta(max_length=220, pattern=r"^[^\0]*$")]
 Place = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angle = Annotated[float, Meta(ge=-4 * math.pi, le=4 * math.pi)]
 Force = Annotated[float, Meta(ge=0.0, le=1000.0)]
-Count = Annotated[float, Meta(ge=0.0, le=MAX_COUNTS)]
 
 
 class Pair(Struct):
     """A row of the table."""
 
-    taxels: list[Count]
+    taxels: list[float] = []
     place: str = ""  # its file and line or row, for messages
     image: Any = None  # a file next to the table; in Parquet also its bytes, or {bytes, path}
     split: Literal["train", "val", "test"] | None = None
@@ -73,13 +74,14 @@ class Pair(Struct):
 
 def import_pairs(
     source: str | Path, folder: str | Path, layout: Layout, full_scale: int | None = None,
-    seed: int = 0, sensors: SensorPair | None = None,
+    seed: int = 0, sensors: SensorPair | None = None, order: FrameOrder = UPRIGHT,
 ) -> DatasetInfo:  # fmt: skip
     """Write a user's pairs as a dataset, atomically; returns its info.
 
     source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
     count at which they saturate; None for the target's. seed: of a random split. sensors: a gel
     camera with the view of the images, and an array like the user's; None for the default ones.
+    order: of the images, which are stored upright; the info has it.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
@@ -98,10 +100,11 @@ def import_pairs(
     full_scale = sensors.array.full_scale if full_scale is None else full_scale
     arguments.whole_number(full_scale, "full_scale", 1, MAX_COUNTS)
     check_seed(seed)
+    arguments.instance(order, "order", FrameOrder)
     with new_folder(folder) as temporary:
         pairs = read_pairs(tables[0], layout, full_scale)
         _sample_splits(pairs, seed)
-        return _write(pairs, tables[0].parent, temporary, layout, full_scale, sensors)
+        return _write(pairs, tables[0].parent, temporary, layout, full_scale, sensors, order)
 
 
 def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
@@ -111,7 +114,10 @@ def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     taxels = [name for name in names if re.fullmatch(r"taxel_\d+", name)]
     check_names(names, [*Pair.__struct_fields__, *taxels], path, others=True)
     expected = [f"taxel_{number}" for number in range(layout.size)]
-    is_list = "taxels" in names
+    is_list, count = "taxels" in names, Annotated[float, Meta(ge=0.0, le=full_scale)]
+    of_all: Any = Annotated[list[count], Meta(min_length=layout.size, max_length=layout.size)]
+    columns = [("taxels", of_all)] if is_list else [(name, count) for name in expected]
+    kind = defstruct("Row", columns, bases=(Pair,), kw_only=True)
     if "image" not in names or (sorted(taxels) != ([] if is_list else sorted(expected))):
         raise T2TwinError(
             f"{path} has the columns {', '.join(names[:12])}; expected image, and either taxels or "
@@ -119,25 +125,16 @@ def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
         )
     pairs = []
     for place, row in rows:
+        pair = convert(row, kind, f"{path}, {place}", strict=not is_csv, row=True)
         if not is_list:
-            row = {**row, "taxels": [row.get(name) for name in expected]}
-        pair = convert(row, Pair, f"{path}, {place}", strict=not is_csv)
-        if len(pair.taxels) != layout.size or max(pair.taxels) > full_scale:
-            raise T2TwinError(
-                f"{path}, {place}: taxels are {pair.taxels!s:.60}; expected the {layout.size} of "
-                f"layout {layout.name}, from 0 to {full_scale}"
-            )
+            pair.taxels = [getattr(pair, name) for name in expected]
         given = [str(each) for each in (pair.shape, pair.family) if each not in (None, "")] or [OWN]
         pair.place, pair.shape, pair.family = f"{path}, {place}", given[0], given[-1]
         pairs.append(pair)
     if not pairs:
         raise T2TwinError(f"{path} contains no pairs")
-    counts = np.array([pair.taxels for pair in pairs])
-    if counts.max() <= 1.0 and (counts % 1.0).any():
-        raise T2TwinError(
-            f"{path}: all counts lie between 0 and 1; expected counts, which are rounded to whole "
-            f"numbers, from 0 to the full scale of {full_scale}"
-        )
+    if found := normalized(np.array([pair.taxels for pair in pairs]), full_scale):
+        raise T2TwinError(f"{path}: {found}")
     return pairs
 
 
@@ -165,7 +162,7 @@ def _sample_splits(pairs: list[Pair], seed: int) -> None:
 
 def _write(
     pairs: list[Pair], images: Path, folder: Path, layout: Layout, full_scale: int,
-    sensors: SensorPair,
+    sensors: SensorPair, order: FrameOrder,
 ) -> DatasetInfo:  # fmt: skip
     by_shard: dict[str, list[Pair]] = {}
     for pair in sorted(pairs, key=lambda pair: (str(pair.split), str(pair.shape))):
@@ -179,7 +176,7 @@ def _write(
     known: dict[bytes, str] = {}
     size: list[tuple[int, int, int]] = []
     for path, own in by_shard.items():
-        rows = (_row(pair, n, images, known, size) for n, pair in enumerate(own))
+        rows = (_row(pair, n, images, known, size, order) for n, pair in enumerate(own))
         shards[path] = Shard(write_shard(folder / path, rows, schema), len(own))
     (high, wide, _), own = size[0], sensors.camera.camera
     if abs(wide * own.rows / (high * own.columns) - 1.0) > 0.1:  # assumed
@@ -206,6 +203,7 @@ def _write(
         ),
         versions=versions(),
         shards=shards,
+        order=None if order == UPRIGHT else order,
     )
     write_card(folder, info)
     write_info(folder, info)
@@ -213,8 +211,9 @@ def _write(
 
 
 def _row(
-    pair: Pair, index: int, folder: Path, known: dict[bytes, str], size: list[tuple[int, int, int]]
-) -> dict[str, Any]:
+    pair: Pair, index: int, folder: Path, known: dict[bytes, str],
+    size: list[tuple[int, int, int]], order: FrameOrder,
+) -> dict[str, Any]:  # fmt: skip
     """A row of a shard; columns that it lacks are empty.
 
     known: places of the earlier images by hash. size: theirs, if any.
@@ -232,7 +231,7 @@ def _row(
             raise T2TwinError("it has more than 8 bits a channel; save it with 8")
     except T2TwinError as error:
         raise T2TwinError(f"{pair.place}: its image cannot be read: {error}") from error
-    pixels = np.array(image.convert("RGB"))
+    pixels = order.upright(np.array(image.convert("RGB")))
     rows, columns, channels = pixels.shape
     size[:] = size or [(rows, columns, channels)]
     if pixels.shape != size[0]:

@@ -9,6 +9,7 @@ from msgspec import Meta, Struct, to_builtins
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import FrameOrder
 from t2twin.core.machine import installed_version
 from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.sampling.recipe import PAPER, Recipe
@@ -170,6 +171,13 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
 SensorInfo = CameraInfo | ArrayInfo
 
 
+def normalized(counts: np.ndarray, full_scale: float) -> str | None:
+    """A clause about counts that are parts of the full scale instead; None for others."""
+    if full_scale <= 1.0 or not counts.size or counts.max() > 1.0 or not (counts % 1.0).any():
+        return None
+    return f"all counts lie between 0 and 1; expected counts from 0 to {full_scale:,.0f}"
+
+
 def plain(record: Any) -> Any:
     """A record as JSON stores it: dicts, lists and numbers."""
     return to_builtins(record, enc_hook=np.ndarray.tolist)
@@ -193,6 +201,7 @@ class DatasetInfo:
     only: tuple[str, ...] | None = None  # the primitives and tools to which it is restricted
     shape_code: str | None = None  # digest of the code and libraries of the shapes' surfaces
     files: dict[str, str] | None = None  # sha256 of users' solids, by path
+    order: FrameOrder | None = None  # of imported images before they were stored upright
 
     @property
     def sensors(self) -> dict[str, SensorInfo]:

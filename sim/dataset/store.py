@@ -275,7 +275,8 @@ def _sha256_at(path: Path, size: int, changed_ns: int) -> str:
 def verify_dataset(folder: str | Path) -> list[tuple[str, str]]:
     """All faults of a dataset, by sha256, columns and rows of each shard; none if it is complete.
 
-    A fault is a file below the folder, and what is wrong. Raises T2TwinError without a dataset.
+    A fault is a file below the folder, and what is wrong. LOG has durations only and is not
+    checked. Raises T2TwinError without a dataset.
     """
     folder = arguments.path(folder, "folder")
     info = read_info(folder)

@@ -64,6 +64,8 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
         most = round((pitch - diameter) / 2, 9)
         jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
+        if self.seed and not jitter:
+            raise T2TwinError("the markers' seed has no effect without jitter_mm; give both")
         if (self.columns is None) != (self.rows is None):
             raise T2TwinError("columns and rows of markers: expected both or none")
         for count in () if self.columns is None else (self.columns, self.rows):

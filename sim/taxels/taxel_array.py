@@ -82,6 +82,8 @@ class TaxelArray:
                 f"imperfections.{reading.NONE} is the array without imperfections; rename the table"
             )
         for name, flaws in self.spec.imperfections.items():
+            if flaws == Imperfections():
+                raise T2TwinError(f"imperfections.{name} has no effect; remove it or give values")
             flaws.check_dead(self.layout.size, f"imperfections.{name}: dead taxel")
         table = self.spec.tactile_image
         for axis, pixels, places in (

@@ -5,6 +5,7 @@ import os
 import re
 import sys
 import warnings
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -77,6 +78,10 @@ def _run(given: list[str]) -> None:
         return
     if any(word == "" or re.fullmatch("--[^=]+=", word) for word in given):
         raise T2TwinError("an argument or the value of an option is empty; give a path or a value")
+    options = [word.partition("=")[0].replace("_", "-") for word in given if word[:2] == "--"]
+    for option, count in Counter(options).items():
+        if count > 1:
+            raise T2TwinError(f"{option} is given {count} times; give it once, with all values")
     words = [word for before, word in pairwise(given) if before not in OUTPUTS]
     # False for a word that cannot be a name, where Path.is_file raises OSError
     files_given = [word for word in words if os.path.isfile(word)]  # noqa: PTH113

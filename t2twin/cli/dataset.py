@@ -2,12 +2,13 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError, counted
+from t2twin.core.frame_order import UPRIGHT, FrameOrder
 
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import DatasetInfo
@@ -112,6 +113,7 @@ def import_pairs(
     layout: str = "cyskin-20",
     full_scale: int | None = None,
     seed: int = 0,
+    order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT,
 ) -> None:
     """Convert and check your own pairs.
 
@@ -130,7 +132,9 @@ def import_pairs(
     """
     import t2twin
 
-    info = t2twin.import_pairs(source, out, t2twin.load_layout(layout), full_scale, seed)
+    info = t2twin.import_pairs(
+        source, out, t2twin.load_layout(layout), full_scale, seed, order=order
+    )
     print(f"{_pairs(info)} pairs in {out}")
 
 

@@ -302,9 +302,8 @@ def export(
 
     loaded = load_run(run, layout)
     if out is None:
-        folder, model = loaded.run_dir, loaded.config.model
-        is_pretrained = folder.parent == HOME
-        out = Path(f"{folder.name}.onnx") if is_pretrained else folder / f"{model}.onnx"
+        folder, name = loaded.run_dir, f"{loaded.config.model}.onnx"
+        out = Path(f"{folder.name}.onnx") if folder.parent == HOME else folder / name
     difference = export_onnx(loaded, out, force)
     print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
     print(f"written to {out}")

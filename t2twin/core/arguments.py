@@ -7,7 +7,9 @@ wrong type or value raises T2TwinError. NumPy's numbers are numbers; bool is not
 import math
 import os
 import reprlib
+import sys
 from collections.abc import Sequence
+from decimal import Decimal
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TypeVar
@@ -33,7 +35,8 @@ def real(value: object, name: str) -> float:
     try:
         return float(value)
     except OverflowError:  # of a whole number
-        return math.inf if value > 0 else -math.inf  # pyright: ignore[reportOperatorIssue]
+        most = f"expected a number of at most {sys.float_info.max:g}"
+        raise T2TwinError(f"{name} is {Decimal(int(value)):.20g}; {most}") from None
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
@@ -54,13 +57,17 @@ def whole_number(value: object, name: str, low: float = -math.inf, high: float =
 def _within(value: Number, name: str, low: float, high: float) -> Number:
     if low <= value <= high:
         return value
-    allowed = f"from {low:g} to {high:g}"
+    found, least, most = (
+        f"{Decimal(each):.20g}" if isinstance(each, int) else f"{each:g}"
+        for each in (value, low, high)
+    )
+    allowed = f"from {least} to {most}"
     if math.isinf(high):
-        allowed = f"of at least {low:g}"
+        allowed = f"of at least {least}"
     elif math.isinf(low):
-        allowed = f"of at most {high:g}"
+        allowed = f"of at most {most}"
     kind = "a number" if isinstance(value, float) else "a whole number"
-    raise T2TwinError(f"{name} is {real(value, name):g}; expected {kind} {allowed}")
+    raise T2TwinError(f"{name} is {found}; expected {kind} {allowed}")
 
 
 def check_seed(seed: int) -> None:

@@ -7,6 +7,7 @@ import difflib
 import json
 import math
 import re
+import reprlib
 import tomllib
 from codecs import BOM_UTF8
 from collections.abc import Iterable, Sequence
@@ -40,19 +41,17 @@ def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
     """
     content = read_file(path).removeprefix(BOM_UTF8)
     found = decode_json(content, dict, path).get("format", 1)
-    # msgspec uses the last of equal keys.
-    json.loads(content, object_pairs_hook=lambda pairs: _check_keys(pairs, path))
+
+    def check_keys(pairs: list[tuple[str, Any]]) -> None:
+        check_names((name for name, _ in pairs), [name for name, _ in pairs], path, what="key")
+
+    json.loads(content, object_pairs_hook=check_keys)  # msgspec uses the last of equal keys
     if found not in numbers:
         known = " and ".join(map(str, numbers))
         raise T2TwinError(
             f"{path} is of format {found}; this version of t2twin reads format {known} only"
         )
     return decode_json(content, kind, path)
-
-
-def _check_keys(pairs: list[tuple[str, Any]], path: Path) -> None:
-    """Raises T2TwinError for a key that an object of a JSON file has twice."""
-    check_names((name for name, _ in pairs), [name for name, _ in pairs], path, what="key")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -88,12 +87,19 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
         raise T2TwinError(f"{source}: {error}") from None
 
 
-def convert(content: Any, kind: type[Record], source: object, strict: bool = True) -> Record:
-    """As `decode_json`, for decoded JSON or TOML. strict: whether a text is no number."""
+def convert(
+    content: Any, kind: type[Record], source: object, strict: bool = True, row: bool = False
+) -> Record:
+    """As `decode_json`, for decoded JSON or TOML. strict: whether a text is no number. row: whether
+    it has the cells of a table's row by column, which the message names."""
     try:
         return msgspec.convert(content, type=kind, dec_hook=_array, strict=strict)
     except msgspec.ValidationError as error:
-        raise T2TwinError(f"{source}: {error}") from None
+        words = str(error)
+        if row and (named := re.search(r"`(?:\$\.)?(\w+)[^`]*`$", words)):  # or a missing column
+            source = f"{source}, column {named[1]} has {reprlib.repr(content.get(named[1], ''))}"
+            words = words.partition(" - at ")[0]
+        raise T2TwinError(f"{source}: {words}") from None
 
 
 def _array(kind: type, content: Any) -> np.ndarray:

@@ -107,18 +107,18 @@ def prepare(
         own = run.config.data
         if own.direction != first.direction:
             raise T2TwinError(
-                f"{loaded[0].run_dir} is a {first.direction} run and {run.run_dir} a "
+                f"{loaded[0].name} is a {first.direction} run and {run.name} a "
                 f"{own.direction} run; evaluate runs of one direction together"
             )
         gives = run.config.is_image_to_counts or own.target.fits(info.target)
         if own.direction != info.direction or not own.source.fits(info.source) or not gives:
             raise T2TwinError(
-                f"{run.run_dir} predicts {own.target.words} from {own.source.words}; "
+                f"{run.name} predicts {own.target.words} from {own.source.words}; "
                 f"{data_dir} has {info.source.words} and {info.target.words}"
             )
         if own.source.name != info.source.name:
             found = f"{own.source.name}, and {data_dir} is of {info.source.name}"
-            warn(f"{run.run_dir} is trained on {found}; its errors are those on another sensor")
+            warn(f"{run.name} is trained on {found}; its errors are those on another sensor")
     applied = trained = dict(zip(run_names(loaded), loaded, strict=True))
     if loaded[0].config.is_image_to_counts:
         applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
@@ -175,14 +175,14 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
     folders = [run.run_dir.resolve() for run in runs]
     for run, folder in zip(runs, folders, strict=True):
         if folders.count(folder) > 1:
-            raise T2TwinError(f"{run.run_dir} is named twice; name each run once")
+            raise T2TwinError(f"{run.name} is named twice; name each run once")
     models = [run.config.model for run in runs]
     names = [
         model if models.count(model) == 1 else f"{model} ({run.run_dir.name})"
         for model, run in zip(models, runs, strict=True)
     ]
     if len(set(names)) < len(names):
-        return [f"{run.config.model} ({run.run_dir})" for run in runs]
+        return [f"{run.config.model} ({run.name})" for run in runs]
     return names
 
 
@@ -511,7 +511,7 @@ def _run_fields(run: TrainedTranslator, info: DataInfo) -> dict[str, Any]:
     except T2TwinError:  # prediction does not need the log
         trained_steps = None
     return {
-        "run": str(run.run_dir),
+        "run": run.name,
         "weights_sha256": sha256_of(run.run_dir / BEST),
         "same_data": trained.sha256 == info.sha256,
         "trained_layout": trained.target.layout if trained.target.value == COUNTS else None,

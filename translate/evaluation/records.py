@@ -63,7 +63,7 @@ class ModelRow:
     by_shape: dict[str, Figures] = field(default_factory=dict)  # none above evaluate.MAX_SHAPES
     by_force: tuple[ForceFigures, ...] = ()  # in ascending order; empty if no force is known
     by_motion: dict[str, Figures] | None = None  # "still" and "moving" pairs, if any move
-    run: str | None = None  # its folder as given
+    run: str | None = None  # its name, or its folder as given
     weights_sha256: str | None = None  # of its best.safetensors
     same_data: bool | None = None  # whether it was trained on the dataset of the evaluation
     trained_layout: str | None = None  # of its training dataset

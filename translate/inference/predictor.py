@@ -23,7 +23,7 @@ from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
 from t2twin.core.images import fault_of, is_colored, is_noise, is_wide
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
+from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, normalized
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.taxel_array import TaxelArray
@@ -53,7 +53,7 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.frame_check import FrameCheck, scores
 from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
-from t2twin.translate.runs.config import RunConfig
+from t2twin.translate.runs.config import HOME, RunConfig
 from t2twin.translate.uncertainty.ood import (
     INVERSE_TRANSFORMS,
     MAX_BACKGROUNDS,
@@ -159,6 +159,7 @@ class TrainedTranslator:
                     f"must be ({taxels},) or (B, {taxels}), expected numbers from 0 to "
                     f"{full_scale:,.0f}"
                 )
+            warn(normalized(counts, full_scale))
             pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
             return self.outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
@@ -502,6 +503,11 @@ class TrainedTranslator:
             return bool(outputs["depth_std_mm"].sum() < depth_mm)
 
         return touched
+
+    @property
+    def name(self) -> str:
+        """The run as a user names it: the name of a pretrained run, or its folder."""
+        return self.run_dir.name if self.run_dir.parent == HOME else str(self.run_dir)
 
     @cached_property
     def frame_check(self) -> FrameCheck | None:

@@ -19,6 +19,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import COLORS
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
@@ -79,7 +80,9 @@ class FrameCheck(nn.Module):
         self.limits[which] = limit.clamp(min=MIN_LIMIT)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """(B, n) -> (B, K) logits."""
+        """(B, n) -> (B, K) logits. Raises T2TwinError for another n."""
+        if features.shape[1] != self.center.numel():
+            raise T2TwinError("frames.safetensors is a frame check of another run; remove it")
         standardized = (features - self.center) / self.scale
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))

@@ -105,6 +105,8 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
         weights = load_file(path)
         check = FrameCheck(weights["center"].numel())
         check.load_state_dict(weights)
+        if any(each.isnan().any() for each in weights.values()):
+            raise KeyError("numbers")
     except (SafetensorError, RuntimeError, KeyError):
         raise T2TwinError(
             f"{path} is not a frame check of this version; remove it, and `t2twin "
