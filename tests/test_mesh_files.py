@@ -151,18 +151,13 @@ def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
         read_solid(path)
 
 
-@pytest.mark.parametrize("scale", [0.0, np.inf])
-def test_a_scale_must_be_positive_and_finite(scale, tmp_path):
-    box().export(tmp_path / "block.stl")
-    with pytest.raises(T2TwinError, match="positive"):
-        catalogue.load(tmp_path / "block.stl", tmp_path / "kept", scale=scale)
-    assert not (tmp_path / "kept").exists()
-
-
-def test_a_scale_is_for_files_only(tmp_path):
+def test_a_scale_is_positive_and_finite_and_for_files_only(tmp_path):
     with pytest.raises(T2TwinError, match="for files only"):
         t2twin.load_shape("square-2", scale=2.0)
     box().export(tmp_path / "block.stl")
+    for scale in (0.0, np.inf):
+        with pytest.raises(T2TwinError, match="positive"):
+            t2twin.load_shape(tmp_path / "block.stl", scale=scale)
     shape = t2twin.load_shape(tmp_path / "block.stl")
     assert t2twin.load_shape(shape) is shape
     with pytest.raises(T2TwinError, match="for files only"):

@@ -28,19 +28,15 @@ def test_text_is_aligned() -> None:
 
 
 def test_markdown() -> None:
-    assert markdown(TABLE).splitlines() == [
-        "Errors",
-        "",
+    title, table, *notes = markdown(TABLE).strip().split("\n\n")
+    assert (title, notes) == ("Errors", ["A note.", "Another."])
+    assert table.splitlines() == [
         "|  | error | share |",
         "| --- | --- | --- |",
         "| a | 1,200 (900–1,500) | 7 % |",
         "| bc | 5 | – |",
         "| **Others** |  |  |",
         "| d | −3 | 1 % |",
-        "",
-        "A note.",
-        "",
-        "Another.",
     ]
 
 
