@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import pyarrow as pa
@@ -114,10 +114,10 @@ def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     taxels = [name for name in names if re.fullmatch(r"taxel_\d+", name)]
     check_names(names, [*Pair.__struct_fields__, *taxels], path, others=True)
     expected = [f"taxel_{number}" for number in range(layout.size)]
-    is_list, count = "taxels" in names, Annotated[float, Meta(ge=0.0, le=full_scale)]
+    is_list, count = "taxels" in names, cast(Any, Annotated[float, Meta(ge=0.0, le=full_scale)])
     of_all: Any = Annotated[list[count], Meta(min_length=layout.size, max_length=layout.size)]
     columns = [("taxels", of_all)] if is_list else [(name, count) for name in expected]
-    kind = defstruct("Row", columns, bases=(Pair,), kw_only=True)
+    kind = cast(type[Pair], defstruct("Row", columns, bases=(Pair,), kw_only=True))
     if "image" not in names or (sorted(taxels) != ([] if is_list else sorted(expected))):
         raise T2TwinError(
             f"{path} has the columns {', '.join(names[:12])}; expected image, and either taxels or "
