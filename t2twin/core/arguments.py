@@ -35,8 +35,9 @@ def real(value: object, name: str) -> float:
     try:
         return float(value)
     except OverflowError:  # of a whole number
+        found = Decimal(int(math.trunc(value)))  # noqa: RUF046
         most = f"expected a number of at most {sys.float_info.max:g}"
-        raise T2TwinError(f"{name} is {Decimal(int(math.trunc(value))):.20g}; {most}") from None
+        raise T2TwinError(f"{name} is {found:.20g}; {most}") from None
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
