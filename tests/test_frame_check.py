@@ -9,6 +9,7 @@ import pytest
 import torch
 from msgspec import structs
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 import t2twin
 from t2twin.core.errors import T2TwinError, T2TwinWarning
@@ -130,13 +131,17 @@ def test_turned_frames_are_named_without_a_background_and_with_one_turned_alike(
 
 
 @pytest.mark.parametrize("shape", ["hemisphere-4", "pliers/teeth"])
-def test_shifted_and_torn_frames_are_named(run, shape: str) -> None:
+def test_shifted_torn_and_blurred_frames_are_named(run, shape: str) -> None:
     twin = t2twin.Twin()
     frame = twin.press(shape, force_n=6.0, y_mm=2.0, seed=1).image
     torn = np.concatenate([frame[:160], np.roll(frame[160:], 40, axis=1)])
     shifted = [np.roll(frame, 10, axis=axis) for axis in (0, 1)]
     found = run.classify_frames([frame, *shifted, torn], twin.background)
     assert found == [OODClass.IN_DISTRIBUTION, *[OODClass.SHIFTED] * 3]
+    noise = 4.0 * np.random.default_rng(0).standard_normal((2, *frame.shape))
+    noisy, behind = (np.stack([frame, twin.background]) + noise).clip(0, 255).astype(np.uint8)
+    found = run.classify_frames([noisy, gaussian_filter(noisy, 8.0, axes=(0, 1))], behind)
+    assert found == [OODClass.IN_DISTRIBUTION, OODClass.BLURRED]
 
 
 def test_a_force_outside_the_training_is_named(run) -> None:
