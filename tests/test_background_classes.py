@@ -8,21 +8,13 @@ from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.uncertainty.ood import (
-    INVERSE_TRANSFORMS,
-    OODClass,
-    classify_frame,
-    compare_with_background,
-)
+from t2twin.translate.training.frame_check import FORWARD
+from t2twin.translate.uncertainty.ood import OODClass, classify_frame, compare_with_background
 
 DIGIT = SensorPair.of(frames=1).camera
 LEDS = DIGIT.spec.light.leds
 SIZE, UNITS = 96, 40
 ASPECT = DIGIT.camera.columns / DIGIT.camera.rows
-TURNED = {
-    OODClass.ROTATED_LEFT: OODClass.ROTATED_RIGHT,
-    OODClass.ROTATED_RIGHT: OODClass.ROTATED_LEFT,
-}
 
 
 def pixels(frame: np.ndarray) -> np.ndarray:
@@ -51,11 +43,10 @@ def test_frames_agree_with_their_own_background_only(units):
     assert OODClass.IN_DISTRIBUTION not in compare_with_background(frames, others)
 
 
-@pytest.mark.parametrize("kind", INVERSE_TRANSFORMS)
+@pytest.mark.parametrize("kind", FORWARD)
 def test_transforms_are_named(units, kind: OODClass):
     frames, backgrounds = units
-    transformed = INVERSE_TRANSFORMS[TURNED.get(kind, kind)](frames)
-    found = compare_with_background(np.ascontiguousarray(transformed), backgrounds)
+    found = compare_with_background(np.ascontiguousarray(FORWARD[kind](frames)), backgrounds)
     assert found.count(kind) >= 0.95 * UNITS  # in a grey light, red equals blue
 
 
