@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from kinds import COVER, GEL
 
-from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -195,10 +194,6 @@ def test_a_body_at_a_new_place_starts_without_traction():
     assert np.linalg.norm(shear - expected) < 0.1 * np.linalg.norm(expected)
 
 
-def test_bad_loads():
-    with pytest.raises(T2TwinError, match="no load"):
-        carry(FLAT, 0.5, [], None)
-    with pytest.raises(T2TwinError, match="torque_nmm is nan"):
-        load(ball(), torque_nmm=np.nan)
+def test_body_beside_the_pad():
     with pytest.raises(OffPadError, match="does not lie over"):
         carry(replace(FLAT, width_mm=8.0), 0.5, [load(ball(9.0))], None)

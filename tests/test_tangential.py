@@ -269,9 +269,9 @@ def test_a_dome_responds_as_a_layer_of_its_thickness(excess_mm):
     found = domed_layer(GEL, x, y, np.ones(shape))
     middle, slope, thickness = found.middle, found.slope, 4.0
     assert middle is cached_shear_layer(GEL, thickness, 0.25, shape) and slope is not None
-    dome = DomedLayer(middle, slope, thickness, np.full(shape, excess_mm))
+    dome = DomedLayer(middle, slope, np.full(shape, excess_mm))
     thicker = cached_shear_layer(GEL, thickness + excess_mm, 0.25, shape)
-    expected = DomedLayer(thicker, None, thickness + excess_mm, np.zeros(shape))
+    expected = DomedLayer(thicker, None, np.zeros(shape))
     traction, pressure = rng.uniform(size=(2, *shape)), rng.uniform(size=shape)
     for one, other in (
         (dome.response_mm(traction), expected.response_mm(traction)),

@@ -40,7 +40,7 @@ class Contact:
         elastomer = Elastomer("test", thickness_mm, YOUNG_MPA, poisson, 20.0, 20.0, law="linear")
         kernels = shear_kernels(elastomer, thickness_mm, *self.x.shape, pitch_mm)
         self.layer = WindowTransforms(kernels, odd=2)
-        self.response = DomedLayer(self.layer, None, thickness_mm, np.zeros(self.x.shape))
+        self.response = DomedLayer(self.layer, None, np.zeros(self.x.shape))
 
     def hertz(self, radius_mm: float = 1.0) -> np.ndarray:
         """Cell means of sqrt(1 - (r / radius)^2)."""

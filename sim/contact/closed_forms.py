@@ -110,6 +110,7 @@ def shear_kernels(
     return smooth_shear_kernels(elastomer, thickness_mm, rows, columns, pitch_mm) + half_space
 
 
+@lru_cache(maxsize=4)  # neighboring thicknesses are used together
 def smooth_shear_kernels(
     elastomer: Elastomer, thickness_mm: float, rows: int, columns: int, pitch_mm: float
 ) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from t2twin.core.jit import compiled
+from t2twin.sim.contact.grid import interpolated
 
 # Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
 # the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
@@ -51,13 +52,10 @@ def moved(
     values: np.ndarray, by_mm: np.ndarray, pitch_mm: float, over: list[np.ndarray]
 ) -> np.ndarray:
     """Values, (n, rows, columns), moved along x and y by those of the nearest body."""
-    from scipy import ndimage  # slow to import
-
-    found = values
+    found, (y, x) = values, (np.arange(float(size)) for size in values.shape[1:])
     for (along_x, along_y), here in zip(by_mm.tolist(), over, strict=True):
         if np.hypot(along_x, along_y) >= MIN_MOVE * pitch_mm:
-            by_cells = (0, along_y / pitch_mm, along_x / pitch_mm)
-            shifted = ndimage.shift(values, by_cells, order=1, mode="nearest")
+            shifted = interpolated(values, y, x, y - along_y / pitch_mm, x - along_x / pitch_mm)
             found = np.where(here, shifted, found)
     return found
 

@@ -137,3 +137,30 @@ def dilated(mask, cells):
                     for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
                         wider[k, m] = True
     return wider
+
+
+@compiled(nogil=True)
+def interpolated(values, own_y, own_x, y, x):
+    """Values, (n, rows, columns), on other axes, linear between the points and constant beyond."""
+    found = np.empty((values.shape[0], y.size, x.size))
+    columns, across = np.empty(x.size, np.int64), np.empty(x.size)
+    for j in range(x.size):
+        columns[j], across[j] = _place_on(own_x, x[j])
+    for i in range(y.size):
+        row, share = _place_on(own_y, y[i])
+        for k in range(found.shape[0]):
+            upper, lower = values[k, row], values[k, row + 1]
+            for j in range(x.size):
+                n, m = columns[j], columns[j] + 1
+                left = upper[n] * (1 - share) + lower[n] * share
+                right = upper[m] * (1 - share) + lower[m] * share
+                found[k, i, j] = left * (1 - across[j]) + right * across[j]
+    return found
+
+
+@compiled(inline="always")
+def _place_on(axis, wanted):
+    """Index of the point of an axis before a place, and the share of the way to the next."""
+    steps = min(max((wanted - axis[0]) / (axis[1] - axis[0]), 0.0), axis.size - 1.0)
+    first = min(int(steps), axis.size - 2)
+    return first, steps - first

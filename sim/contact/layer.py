@@ -54,14 +54,9 @@ class WindowTransforms:
     def _of(self, shape: tuple[int, ...]) -> np.ndarray:
         """(n, D, A // 2 + 1) float32 for windows of (R, C)."""
         padded = padded_shape(shape)
-        offsets = [np.arange(1 - size, size) for size in shape]
-        to = np.ix_(*(offset % size for offset, size in zip(offsets, padded, strict=True)))
-        middle = [size // 2 for size in self.kernels.shape[1:]]
-        of = np.ix_(*(offset + at for offset, at in zip(offsets, middle, strict=True)))
         cut = np.zeros((len(self.kernels), *padded), np.float32)
-        cut[:, *to] = self.kernels[:, *of]
         found = np.empty((*cut.shape[:2], padded[1] // 2 + 1), np.complex64)
-        _transform(cut, found)
+        _transform(self.kernels, *shape, cut, found)
         even = len(cut) - self._odd
         return np.concatenate([np.real(found[:even]), np.imag(found[even:])])
 
@@ -234,7 +229,6 @@ class DomedLayer:
 
     middle: WindowTransforms  # of a layer as thick as at the middle
     slope: WindowTransforms | None  # change per mm of thickness; None for a flat layer
-    middle_mm: float  # thickness at the middle
     excess_mm: np.ndarray  # (rows, columns) thickness above that of the middle
     full_mpa: float = np.inf  # see Elastomer.full_mpa
 
@@ -246,16 +240,13 @@ class DomedLayer:
         """(3, rows, columns) displacement along x, y and into the sensor, mm, by traction, MPa."""
         return self.parts_mm(traction_mpa).sum(axis=0)
 
-    def parts_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """(2, 3, rows, columns) response of the layer of the middle, mm, and what the dome adds."""
-        return self._parts(traction_mpa, 3)
-
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """(2, rows, columns) displacement along x and y, mm, by pressure, MPa."""
-        return self._parts(np.minimum(pressure_mpa, self.full_mpa)[None], 2).sum(axis=0)
+        return self.parts_mm(np.minimum(pressure_mpa, self.full_mpa)[None], 2).sum(axis=0)
 
-    def _parts(self, loads: np.ndarray, components: int) -> np.ndarray:
-        """(2, components, rows, columns) responses to loads, see `respond`."""
+    def parts_mm(self, loads: np.ndarray, components: int = 3) -> np.ndarray:
+        """(2, components, rows, columns) response of the layer of the middle to loads, mm, see
+        `respond`, and what the dome adds."""
         loads = np.ascontiguousarray(loads, np.float32)
         shape, work = loads.shape[1:], shear_work(loads.shape[1:], len(loads))
         found = np.zeros((2, components, *shape), np.float32)
@@ -274,14 +265,21 @@ def domed_layer(
     pitch, shape = float(x_mm[1] - x_mm[0]), pressure.shape
     thickness = _thickness_mm(elastomer, x_mm.tobytes(), y_mm.tobytes())
     if np.ptp(thickness) == 0:
-        flat_mm = elastomer.thickness_mm
-        layer = cached_shear_layer(elastomer, flat_mm, pitch, shape)
-        return DomedLayer(layer, None, flat_mm, thickness, elastomer.full_mpa)
+        layer = cached_shear_layer(elastomer, elastomer.thickness_mm, pitch, shape)
+        return DomedLayer(layer, None, thickness, elastomer.full_mpa)
     middle = float((pressure * thickness).sum() / pressure.sum())
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
     layer = cached_shear_layer(elastomer, middle, pitch, shape)
     slope = _cached_slope(elastomer, middle, pitch, shape)
-    return DomedLayer(layer, slope, middle, thickness - middle, elastomer.full_mpa)
+    return DomedLayer(layer, slope, thickness - middle, elastomer.full_mpa)
+
+
+def prepare_shear(elastomer: Elastomer, pitch_mm: float) -> None:
+    """Compute the kernels of every thickness that `domed_layer` takes, so that no contact waits."""
+    layer = cached_layer(elastomer, pitch_mm)
+    steps = np.rint(layer.thickness_mm / THICKNESS_STEP_MM)
+    for each in np.unique(steps):
+        domed_layer(elastomer, layer.x_mm, layer.y_mm, steps == each)
 
 
 @lru_cache(maxsize=8)
@@ -378,9 +376,14 @@ def convolve(
 
 
 @compiled(nogil=True)
-def _transform(values, spectra):
-    """Write the transforms of (n, rows, columns) values along rows and columns."""
-    r2c(values, spectra, BOTH, True, 1.0, 1)
+def _transform(kernels, rows, columns, cut, spectra):
+    """Write the transforms of kernels around their central cell, for windows of rows x columns."""
+    middle_row, middle_column = kernels.shape[1] // 2, kernels.shape[2] // 2
+    for k in range(kernels.shape[0]):
+        for i in range(1 - rows, rows):
+            for j in range(1 - columns, columns):  # negative places are at the end
+                cut[k, i, j] = kernels[k, middle_row + i, middle_column + j]
+    r2c(cut, spectra, BOTH, True, 1.0, 1)
 
 
 @compiled(nogil=True, **INNER)

@@ -13,8 +13,7 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
-from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_bodies
 from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
@@ -23,7 +22,6 @@ from t2twin.sim.contact.friction import (
     AT_LIMIT,
     PREDICTION_TOLERANCE,
     TOLERANCE,
-    Bodies,
     balance,
     solve_traction,
 )
@@ -316,10 +314,7 @@ def still_motion(contact: Contact, friction: tuple[Friction, ...]) -> Motion:
 
 @dataclass(frozen=True)
 class Load:
-    """What one body does to a sensor, in the sensor frame.
-
-    Raises T2TwinError for values that are not finite numbers.
-    """
+    """What one body does to a sensor, in the sensor frame; all values are finite."""
 
     shape: Shape  # the height map of its surface is that of a press at x = y = yaw = 0
     force_n: float  # normal force
@@ -329,13 +324,6 @@ class Load:
     # about the sensor's z axis. None for a new place of contact, without traction.
     motion: tuple[float, float, float] | None
     friction: Friction
-
-    def __post_init__(self) -> None:
-        arguments.number(self.force_n, "force_n")
-        arguments.number(self.torque_nmm, "torque_nmm")
-        for name in ("shear_n", "motion"):
-            for value in getattr(self, name) or ():
-                arguments.number(float(value), name)
 
 
 def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
@@ -360,8 +348,6 @@ def carry(
     the result are those of the loads, as far as friction can carry them. Raises T2TwinError as
     solve_contact does.
     """
-    if not loads:
-        raise T2TwinError("there is no load; expected at least one")
     shapes = [load.shape for load in loads]
     names = tuple(shape.name for shape in shapes)
     commands = [PressCommand(load.shape.name, 0.0, 0.0, 0.0, load.force_n) for load in loads]
@@ -447,100 +433,99 @@ class _Push:
             return traction, follows, True
         near = window_around(dilated(pressure > 0, 1))
         part = (slice(None), *near)
-        axes, before = (contact.x_mm[columns][near[1]], contact.y_mm[rows][near[0]]), follows[part]
-        bodies = _Bodies(loads, owner[near], pressure[near], limit[near], axes, contact.pitch_mm)
+        before, limit = follows[part], np.ascontiguousarray(limit[near], np.float32)
+        still = (0.0, 0.0, 0.0)
+        given = np.array(
+            [(*each.shear_n, each.torque_nmm, *(each.motion or still)) for each in loads]
+        )
+        levers, wrenches, motions, rigid = np.zeros((4, len(loads), 3))
+        x, y = contact.x_mm[columns][near[1]].copy(), contact.y_mm[rows][near[0]].copy()
+        owner, slides = np.ascontiguousarray(owner[near], np.int64), np.zeros(len(loads), bool)
+        bodies = x, y, owner, levers, wrenches, slides, rigid
+        loaded = np.ascontiguousarray(pressure[near], float)
+        _place(given, loaded, limit, contact.pitch_mm, bodies, motions)
         traction[part], shifted_mm, converged = solve_traction(
-            step.layer.middle, bodies.limit, before - spread[part] - dome[part], guess[part],
-            bodies.arrays, PREDICTION_TOLERANCE if predicts else TOLERANCE,
+            step.layer.middle, limit, before - spread[part] - dome[part], guess[part],
+            bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE,
         )  # fmt: skip
-        if predicts:  # the contact moves with the bodies, less the change of the shear
-            follows[part] = bodies.with_motion_mm(bodies.motions, before)
-        else:  # a surface that sticks to the bodies
-            rigid = np.where(bodies.slides[:, None], bodies.motions, bodies.rigid)
+        if not predicts:  # a surface that sticks to the bodies
+            motions = np.where(slides[:, None], motions, rigid)
             now = shifted_mm + spread[part] + dome[part]
-            surface = np.where(bodies.slides[bodies.owner], now, before)
-            follows[part] = bodies.with_motion_mm(rigid, surface)
+            before = now if slides.all() else np.where(slides[owner], now, before)
+        # In a prediction, the contact moves with the bodies, less the change of the shear.
+        follows[part] = _with_motions(bodies, motions, before)
         return traction, follows, converged
 
 
-class _Bodies:
-    """Bodies with prescribed wrenches on a window; see `balance` for wrenches and motions."""
-
-    def __init__(
-        self, loads: Sequence[Load], owner: np.ndarray, pressure: np.ndarray, limit: np.ndarray,
-        axes: tuple[np.ndarray, np.ndarray], pitch_mm: float,
-    ) -> None:  # fmt: skip
-        self.limit = np.ascontiguousarray(limit, np.float32)
-        self.owner = np.ascontiguousarray(owner, np.int64)
-        self.x, self.y = (axis.copy() for axis in axes)
-        self.levers, self.wrenches, self.motions, self.rigid = np.zeros((4, len(loads), 3))
-        self.slides = np.zeros(len(loads), bool)
-        for body, load in enumerate(loads):
-            x, y, radius = self._lever(pressure * (owner == body), pitch_mm)
-            (along_x, along_y), (dx_mm, dy_mm, turn) = load.shear_n, load.motion or (0.0, 0.0, 0.0)
-            torque = load.torque_nmm - (x * along_y - y * along_x)
-            self.levers[body] = x, y, radius
-            self.wrenches[body] = np.array([along_x, along_y, torque / radius]) / pitch_mm**2
-            self.motions[body] = dx_mm - turn * y, dy_mm + turn * x, turn * radius
-            self._find_slide(body)
-
-    def _lever(self, pressure: np.ndarray, pitch_mm: float) -> tuple[float, float, float]:
-        """Center and radius of gyration of a pressure, mm."""
-        total = pressure.sum()
-        if total == 0:
-            return 0.0, 0.0, 1.0
-        down, across = pressure.sum(axis=1) / total, pressure.sum(axis=0) / total
-        x, y = float(across @ self.x), float(down @ self.y)
-        square = float(across @ (self.x - x) ** 2 + down @ (self.y - y) ** 2)
-        return x, y, max(np.sqrt(square), pitch_mm)
-
-    def _find_slide(self, body: int) -> None:
-        """Set whether a body slides as a whole, and along which motion; the force has priority."""
-        limit = np.where(self.owner == body, self.limit, np.float32(0.0))
-        capacity, wrench = float(limit.sum(dtype=float)), self.wrenches[body]
-        if capacity == 0:
-            self.slides[body], self.rigid[body] = True, self.motions[body]
-            return
-        force = float(np.hypot(*wrench[:2])) / capacity
-        if force >= 1 - AT_LIMIT:
-            along, motion = np.array([*wrench[:2], 0.0]) / (force * capacity), self.motions[body]
-            length = max(float(np.linalg.norm(motion)), 1e-30)
-            share = min(max(force - 1.0, 0.0) / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
-            ahead = max(float(along @ motion), 0.0) / length
-            self.slides[body] = True
-            self.rigid[body] = (1 - share) * along + share * ahead * motion / length
-        elif wrench[2]:
-            none, found = np.zeros((2, *limit.shape), np.float32), np.zeros(3)
+@compiled(nogil=True)
+def _place(loads, pressure, limit, pitch, bodies, motions):
+    """Write levers, wrenches and motions of loads, (bodies, 6): force, torque, motion. Writes also
+    which bodies slide as a whole, and along which motion; the force has priority."""
+    x, y, owner, levers, wrenches, slides, rigid = bodies
+    none, found = np.zeros((2, *limit.shape), np.float32), np.zeros(3)
+    for body in range(levers.shape[0]):
+        total, across, down, square, capacity, most = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(y.size):
+            for j in range(x.size):
+                if owner[i, j] == body:
+                    total += pressure[i, j]
+                    across += pressure[i, j] * x[j]
+                    down += pressure[i, j] * y[i]
+                    square += pressure[i, j] * (x[j] * x[j] + y[i] * y[i])
+                    capacity += np.float64(limit[i, j])
+                    most = max(most, np.float64(limit[i, j]))
+        lever, wrench, motion = levers[body], wrenches[body], motions[body]
+        lever[2] = 1.0
+        if total > 0.0:  # the center of the pressure and its radius of gyration
+            lever[0], lever[1] = across / total, down / total
+            square = max(square / total - lever[0] ** 2 - lever[1] ** 2, 0.0)
+            lever[2] = max(np.sqrt(square), pitch)
+        along_x, along_y, torque, dx, dy, turn = loads[body]
+        torque -= lever[0] * along_y - lever[1] * along_x
+        wrench[0], wrench[1] = along_x / pitch**2, along_y / pitch**2
+        wrench[2] = torque / lever[2] / pitch**2
+        motion[0], motion[1] = dx - turn * lever[1], dy + turn * lever[0]
+        motion[2] = turn * lever[2]
+        force, share, ahead = np.hypot(wrench[0], wrench[1]), 0.0, 1.0
+        found[0] = found[1] = found[2] = 0.0
+        if capacity == 0.0:
+            slides[body], share = True, 1.0
+        elif force >= (1 - AT_LIMIT) * capacity:
+            length = max(np.sqrt(motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2), 1e-30)
+            share = min(max(force / capacity - 1.0, 0.0) / MOTION_EXCESS, 1.0)
+            share *= length / (length + MOTION_MM)
+            ahead = max(wrench[0] * motion[0] + wrench[1] * motion[1], 0.0) / (force * length)
+            ahead /= length
+            slides[body], found[0], found[1] = True, wrench[0] / force, wrench[1] / force
+        elif wrench[2] != 0.0:
             found[2] = np.copysign(TURN_MM, wrench[2])
-            balance(
-                none, none, float(limit.max()) / STICK_MM, limit, self.arrays, body, capacity,
-                False, found,
-            )  # fmt: skip
-            self.slides[body] = abs(wrench[2]) >= (1 - AT_LIMIT) * self._torque(limit, found, body)
-            self.rigid[body] = self.slides[body] * found
+            balance(none, none, most / STICK_MM, limit, bodies, body, capacity, False, found)
+            most_torque = 0.0
+            for i in range(y.size):
+                turn_x = (lever[1] - y[i]) / lever[2]
+                for j in range(x.size):
+                    if owner[i, j] == body:
+                        turn_y = (x[j] - lever[0]) / lever[2]
+                        a, b = found[0] + turn_x * found[2], found[1] + turn_y * found[2]
+                        size = max(np.hypot(a, b), STICK_MM)
+                        most_torque += limit[i, j] / size * (turn_x * a + turn_y * b)
+            slides[body] = abs(wrench[2]) >= (1 - AT_LIMIT) * abs(most_torque)
+        for k in range(3):
+            if slides[body]:
+                rigid[body, k] = (1 - share) * found[k] + share * ahead * motion[k]
 
-    def _torque(self, limit: np.ndarray, rigid: np.ndarray, body: int) -> float:
-        """Size of the torque of a body that slides along a rigid motion, see `balance`."""
-        turn_x, turn_y = (
-            (self.levers[body, 1] - self.y[:, None]) / self.levers[body, 2],
-            (self.x - self.levers[body, 0]) / self.levers[body, 2],
-        )
-        along_x, along_y = rigid[0] + turn_x * rigid[2], rigid[1] + turn_y * rigid[2]
-        sizes = np.maximum(np.hypot(along_x, along_y), STICK_MM)
-        return abs(float((limit / sizes * (turn_x * along_x + turn_y * along_y)).sum()))
 
-    @property
-    def arrays(self) -> Bodies:
-        """Arguments of the compiled loops."""
-        return (
-            self.x, self.y, self.owner, self.levers, self.wrenches, self.slides, self.rigid
-        )  # fmt: skip
-
-    def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
-        """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
-        found = displacement_mm.copy()
-        for body, (along_x, along_y, turn) in enumerate(rigid):
-            (x, y, radius), here = self.levers[body], self.owner == body
-            found[0] += here * (along_x - turn / radius * (self.y[:, None] - y))
-            found[1] += here * (along_y + turn / radius * (self.x - x))
-        return found
+@compiled(nogil=True)
+def _with_motions(bodies, rigid, displacement):
+    """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
+    x, y, owner, levers, _, _, _ = bodies
+    found = np.empty(displacement.shape)
+    for i in range(y.size):
+        for j in range(x.size):
+            found[0, i, j], found[1, i, j] = displacement[0, i, j], displacement[1, i, j]
+            if owner[i, j] >= 0:
+                lever, motion = levers[owner[i, j]], rigid[owner[i, j]]
+                turn = motion[2] / lever[2]
+                found[0, i, j] += motion[0] - turn * (y[i] - lever[1])
+                found[1, i, j] += motion[1] + turn * (x[j] - lever[0])
+    return found

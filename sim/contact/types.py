@@ -13,13 +13,12 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.arrays import Result, kept_property
 from t2twin.core.errors import T2TwinError
-from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.displacements import unfolded
 from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.friction import AT_LIMIT
-from t2twin.sim.contact.grid import Window
+from t2twin.sim.contact.grid import Window, interpolated
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)  # smallest and largest force that can be commanded, N
@@ -83,30 +82,9 @@ class SurfaceShift(Result):
 
     def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
-        down, across = _interpolation(self.y_mm, y_mm), _interpolation(self.x_mm, x_mm)
-        return _interpolated(np.ascontiguousarray(self.values_mm, float), *down, *across)
-
-
-def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the place before each wanted one, and the share of the way to the next."""
-    steps = np.clip((wanted - places[0]) / (places[1] - places[0]), 0, places.size - 1)
-    first = np.minimum(steps.astype(int), places.size - 2)
-    return first, steps - first
-
-
-@compiled(nogil=True)
-def _interpolated(values, rows, down, columns, across):
-    """Values between rows and rows + 1, and columns and columns + 1, at shares of the way."""
-    found = np.empty((values.shape[0], rows.size, columns.size))
-    for k in range(found.shape[0]):
-        for i in range(rows.size):
-            upper, lower, share = values[k, rows[i]], values[k, rows[i] + 1], down[i]
-            for j in range(columns.size):
-                n, m = columns[j], columns[j] + 1
-                left = upper[n] * (1 - share) + lower[n] * share
-                right = upper[m] * (1 - share) + lower[m] * share
-                found[k, i, j] = left * (1 - across[j]) + right * across[j]
-    return found
+        # Copies, as read-only arrays would compile the loops once more.
+        axes = map(np.array, (self.y_mm, self.x_mm, y_mm, x_mm))
+        return interpolated(np.array(self.values_mm, float, order="C"), *axes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from t2twin.attachment.sensor import AttachedSensor
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer, MountTable
+from t2twin.sim.contact.layer import prepare_shear
 from t2twin.sim.contact.mujoco_contact import prepare_models
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sensors.files import Sensor, load_sensor
@@ -102,6 +103,7 @@ def attach(
     on = {"site": place} if body is None else {"frame": place.add_frame()}
     spec.attach(own, prefix=f"{mounted.name}/", **on)
     prepare_models()
+    prepare_shear(mounted.elastomer, device.pitch_mm)
     return mounted
 
 
