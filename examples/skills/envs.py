@@ -240,7 +240,7 @@ class InsertEnv(SkillEnv):
         self.half = random.uniform(0.028, 0.032)
         along = self.half - random.uniform(0.012, 0.016)  # the top is above the pads' middle
         axis = np.array([0, -np.sin(angle), np.cos(angle)])
-        place = [0, random.uniform(-0.003, 0.003), HEIGHT_M] - along * axis
+        place = [0, random.uniform(-0.004, 0.004), HEIGHT_M] - along * axis
         pose, radius = (place, turned(angle, "x")), random.uniform(0.003, 0.005)
         width = add_rod(spec, self.kind, radius, self.half, pose)
         add_hole(spec, width + self.CLEARANCE_M / 2, self.DEPTH_M, self.CHAMFER_M)
@@ -252,7 +252,8 @@ class InsertEnv(SkillEnv):
         self.simulate(1 / self.rate_hz)
 
     def outcome(self) -> tuple[bool, bool]:
-        return bool(self.object_pose(-self.half)[0][2] < self.DEPTH_M - self.GOAL_M), False
+        _, across, height = self.object_pose(-self.half)[0]
+        return bool(abs(across) < 1e-3 and height < self.DEPTH_M - self.GOAL_M), False
 
     def expert(self) -> np.ndarray:
         """Turn the peg upright and over the hole, then lower it."""

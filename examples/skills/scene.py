@@ -51,11 +51,9 @@ def add_sampled_gripper(
         mount.pos += [*rng.normal(0.0, PLACE_M, 2), 0.0]
         mount.quat = turned(rng.normal(0.0, TURN_RAD), "z")
         attached.seed = int(rng.integers(2**31))
-        if not isinstance(device, GelCamera):
-            attached.device = device.for_dataset()  # with noise
-        elif with_image:
+        if isinstance(device, GelCamera) and with_image:
             attached.device = device.sampled(rng, rng, UnitRanges(), None)
-        else:
+        elif isinstance(device, GelCamera):
             attached.device = WithoutImage(device.spec, device.folder)
     return sensors
 
@@ -117,4 +115,5 @@ def add_hole(spec: mujoco.MjSpec, half_m: float, depth_m: float, chamfer_m: floa
     upright, around = turned(np.pi / 2, "x"), np.zeros(4)
     for quarter in range(4):
         mujoco.mju_mulQuat(around, turned(quarter * np.pi / 2, "z"), upright)
-        spec.worldbody.add_geom(**side, quat=around, condim=4, friction=[0.2, 0.005, 1e-4])
+        geom = spec.worldbody.add_geom(**side, quat=around, condim=4, priority=1)
+        geom.solref, geom.friction = [0.004, 1.0], [0.5, 0.005, 1e-4]  # stiff

@@ -9,7 +9,6 @@ a DIGIT and a GelSight Mini, whose images pretrained networks translate into cou
 OUT/skills.json.
 """
 
-import argparse
 import json
 import time
 import warnings
@@ -22,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+import tyro
 from scipy.stats import binomtest
 from tqdm import tqdm
 
@@ -34,16 +34,15 @@ from t2twin.core.machine import cores
 EPISODES, CHUNK, UNSEEN_FROM = {"hold": 400, "pose": 1200, "insert": 400}, 10, 1_000_000
 """Episodes in training, episodes in a file, and first seed of the evaluation."""
 EPOCHS = {"counts": 150, "image": 40, "none": 80}
+Folder = tyro.conf.Positional[Path]
 NOISE = 0.2  # standard deviation of the noise on the expert's actions, of half their range
 
 
 class Arm(NamedTuple):
-    """A sensor, what is observed, the run that translates it, and what the policy learned from."""
-
     sensor: str
     observe: tuple[str, ...]
-    run: str | None
-    policy: str
+    run: str | None  # that translates images
+    policy: str  # what it learned from
 
 
 ARMS = {
@@ -104,10 +103,10 @@ def perform(task: str, name: str, seed: int, policy: Path | None = None) -> dict
     return found | {"seconds": time.process_time() - started}
 
 
-def demonstrate(task: str, name: str, first: int, path: Path) -> None:
-    """Write CHUNK episodes of the expert, padded to one length."""
+def demonstrate(task: str, name: str, seeds: range, path: Path) -> None:
+    """Write episodes of the expert, padded to one length."""
     episodes, steps = [], TASKS[task].steps
-    for seed in range(first, first + CHUNK):
+    for seed in seeds:
         rows = perform(task, name, seed)["rows"]
         weights = (np.arange(steps) < len(rows)).astype(np.float32)
         rows += [rows[-1]] * (steps - len(rows))
@@ -132,15 +131,17 @@ def results(workers: int, calls: list[tuple[Any, ...]], title: str) -> Iterator[
             yield future.result()
 
 
-def train(out: Path, tasks: list[str], share: float, workers: int) -> None:
-    """Write OUT/demonstrations and OUT/policies."""
+def train(
+    out: Folder, tasks: tuple[str, ...] = tuple(TASKS), share: float = 1.0, workers: int = cores()
+) -> None:
+    """Write OUT/demonstrations and OUT/policies. share: of the demonstrations."""
     files = {}
     for task in tasks:
         for name in sorted(set(SHOWN.values())):
             starts = range(0, max(CHUNK, round(EPISODES[task] * share)), CHUNK)
             folder = out / "demonstrations" / f"{task}-{ARMS[name].sensor}"
             folder.mkdir(parents=True, exist_ok=True)
-            files[task, name] = {first: folder / f"{first:05}.npz" for first in starts}
+            files[task, name] = {range(n, n + CHUNK): folder / f"{n:05}.npz" for n in starts}
     calls = [(demonstrate, *key, *each) for key, paths in files.items() for each in paths.items()]
     calls = [call for call in calls if not call[-1].exists()]
     list(results(workers, calls, f"demonstrations, {CHUNK} episodes each"))
@@ -162,7 +163,9 @@ def train(out: Path, tasks: list[str], share: float, workers: int) -> None:
                 torch.save(policy.eval(), temporary)
 
 
-def evaluate(out: Path, tasks: list[str], episodes: int, workers: int) -> None:
+def evaluate(
+    out: Folder, tasks: tuple[str, ...] = tuple(TASKS), episodes: int = 200, workers: int = cores()
+) -> None:
     """Perform the episodes that are not in OUT/episodes.jsonl yet, and write OUT/skills.json."""
     log, seeds = out / "episodes.jsonl", range(UNSEEN_FROM, UNSEEN_FROM + episodes)
     log.touch()
@@ -212,16 +215,4 @@ def success(solved: np.ndarray) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m examples.skills", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("command", choices=("train", "evaluate"))
-    parser.add_argument("out", type=Path, metavar="OUT")
-    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
-    parser.add_argument("--share", type=float, default=1.0, help="of the demonstrations")
-    parser.add_argument("--episodes", type=int, default=200, help="of each evaluation")
-    parser.add_argument("--workers", type=int, default=cores(), help="processes")
-    options = parser.parse_args()
-    if options.command == "train":
-        train(options.out, options.tasks, options.share, options.workers)
-    else:
-        evaluate(options.out, options.tasks, options.episodes, options.workers)
+    tyro.extras.subcommand_cli_from_dict({"train": train, "evaluate": evaluate})
