@@ -231,7 +231,7 @@ class InsertEnv(SkillEnv):
     the hand across and up, mm/s, and its turning, degrees/s. Solved if the tip is 8 mm deep.
     """
 
-    steps, ranges = 35, ((-20.0, 20.0), (-30.0, 30.0), (-40.0, 40.0))
+    steps, ranges = 45, ((-20.0, 20.0), (-30.0, 30.0), (-40.0, 40.0))
     grip_n, ends_solved = 10.0, True
     DEPTH_M, CHAMFER_M, CLEARANCE_M, GOAL_M = 0.015, 0.001, 0.0005, 0.008
 

@@ -22,11 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 import tyro
+from PIL import Image, ImageDraw
 from scipy.stats import binomtest
 from tqdm import tqdm
 
 import t2twin
-from examples.skills.envs import TASKS, PoseEnv, SkillEnv
+from examples.skills.envs import RATE_HZ, TASKS, PoseEnv, SkillEnv
 from examples.skills.learn import Policy, learn, small_change
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
@@ -79,8 +80,13 @@ def touch_of(arm: Arm, observed: Any, background: Any) -> tuple[np.ndarray, list
     return np.stack([each.counts for each in found]), unlike
 
 
-def perform(task: str, name: str, seed: int, policy: Path | None = None) -> dict[str, Any]:
-    """One episode with a policy, on unseen objects; with None of the disturbed expert."""
+def perform(
+    task: str, name: str, seed: int, policy: Path | None = None, watch: Any = None
+) -> dict[str, Any]:
+    """One episode with a policy, on unseen objects; with None of the disturbed expert.
+
+    watch: is called with the environment and the observation before each action.
+    """
     started, arm, rng = time.process_time(), ARMS[name], np.random.default_rng(seed)
     env, state, noise = environment(task, name, policy is not None), None, 0.0
     observed, info = env.reset(seed=seed)
@@ -88,6 +94,8 @@ def perform(task: str, name: str, seed: int, policy: Path | None = None) -> dict
     half = (env.action_space.high - env.action_space.low) / 2
     while not is_over:
         touch, of_images = touch_of(arm, observed, background)
+        if watch is not None:
+            watch(env, observed)
         if policy is None:
             action = env.expert()
             rows.append((touch, observed["hand"], action))
@@ -169,7 +177,8 @@ def evaluate(
     """Perform the episodes that are not in OUT/episodes.jsonl yet, and write OUT/skills.json."""
     log, seeds = out / "episodes.jsonl", range(UNSEEN_FROM, UNSEEN_FROM + episodes)
     log.touch()
-    rows = [json.loads(line) for line in log.read_text().splitlines()]
+    whole = (line for line in log.read_text().splitlines() if line.endswith("}"))
+    rows = [json.loads(line) for line in whole]
     known = {(row["task"], row["arm"], row["seed"]) for row in rows}
     wanted = [(task, name, seed) for seed in seeds for task in tasks for name in ARMS]
     calls = [
@@ -178,6 +187,7 @@ def evaluate(
         if each not in known
     ]
     with log.open("a") as file:
+        print(file=file)  # ends a line that was cut off
         for row in results(workers, calls, "episodes"):
             print(json.dumps(row), file=file, flush=True)
             rows.append(row)
@@ -214,5 +224,36 @@ def success(solved: np.ndarray) -> dict[str, Any]:
     return {"episodes": solved.size, "success_percent": percent, "interval_percent": limits}
 
 
+def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
+    """Write OUT/TASK.gif and OUT/TASK.png: an episode with three sensors, side by side."""
+    from examples.gripper_figure import SceneRenderer, write_animation
+
+    strips: list[list[Image.Image]] = []
+    for name, arm in list(ARMS.items())[:3]:
+        frames: list[Image.Image] = []
+
+        def watch(
+            env: SkillEnv, observed: Any, frames: list[Any] = frames, name: str = name
+        ) -> None:
+            show = SceneRenderer(env.model)
+            show.camera.lookat[:], show.camera.distance = [0, 0, 0.08], 0.25
+            show.camera.azimuth, show.camera.elevation = 60, -10
+            frame = Image.fromarray(show.render(env.data).copy())
+            show.close()
+            if "image" in observed:
+                frame.paste(Image.fromarray(observed["image"][0]).resize((72, 96)), (6, 234))
+            ImageDraw.Draw(frame).text((8, 6), name, fill=(0, 0, 0))
+            frames.append(frame)
+
+        perform(task, name, seed, out / "policies" / f"{task}-{arm.policy}.pt", watch)
+        strips.append(frames)
+    last = max(map(len, strips))
+    rows = [[each[min(n, len(each) - 1)] for each in strips] for n in range(last)]
+    pages = [Image.fromarray(np.hstack([np.asarray(each) for each in row])) for row in rows]
+    pages[-1].save(out / f"{task}.png")
+    write_animation(out / f"{task}.gif", pages, RATE_HZ)
+
+
 def main() -> None:
-    tyro.extras.subcommand_cli_from_dict({"train": train, "evaluate": evaluate})
+    commands = {"train": train, "evaluate": evaluate, "picture": picture}
+    tyro.extras.subcommand_cli_from_dict(commands)
