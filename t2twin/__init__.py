@@ -19,5 +19,4 @@ from t2twin import mujoco_gl
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-
 sys.meta_path.insert(0, mujoco_gl)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, HELD_OUT, small_digit, write_frames
 from moving import write_recipe
-from session import SESSION, Products, compile_loops, start
+from session import SESSION, Products, start
 
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
@@ -34,8 +34,6 @@ def pytest_configure(config):
         folder = start(*map(config.cache.mkdir, ("numba", "mujoco", "matplotlib")))
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         config.add_cleanup(lambda: os.environ.pop(SESSION))
-        if config.getoption("numprocesses", None) and not config.option.collectonly:
-            compile_loops()
 
 
 FIRST = (

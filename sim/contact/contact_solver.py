@@ -14,6 +14,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compile_time_s
+from t2twin.primitives_cad.catalogue import load
 from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
@@ -235,8 +236,6 @@ class Equilibrium:
         self.pressure_mpa = pins.gather(pressures, max(now // before, 1), now * first + moves)
         self.depths_mm = near.depths_mm
         self.active = pins.with_neighbors(self.pressure_mpa > 0)
-        if not self._with_mujoco:  # most contacts grow in a round of a step
-            self.active = pins.with_neighbors(self.active)
         if not all(self.active[part].any() for part in pins.parts):
             return False
         self.compliance = pins.springs(self.active)
@@ -479,3 +478,23 @@ def _bottomed(found: Equilibrium) -> bool:
         if ((heights_mm <= limit_mm) & (fine_mpa > 0)).any():
             return True
     return False
+
+
+def compile_layout(elastomer: Elastomer, pitch_mm: float) -> None:
+    """Compile the loops that place the pins of a press."""
+    command = PressCommand("hemisphere-4", 0.0, 0.0, 0.0, 1.0)
+    survey = Survey(load(command.shape), command, cached_layer(elastomer, pitch_mm))
+    PinLayout([survey], [survey.expected_contact(command.force_n)])
+
+
+def compile_iteration(elastomer: Elastomer, pitch_mm: float) -> None:
+    """Compile the loops of the iteration of a press: a step without pins."""
+    layer, whole, one = cached_layer(elastomer, pitch_mm), np.zeros(0, int), np.ones(1)
+    shape, none = layer.rest_mm.shape, np.zeros(0)
+    operator = layer.operator((slice(0, shape[0]), slice(0, shape[1])))
+    work = iterate_work(shape, operator[1], 0)
+    pins = whole, whole, whole, whole, none, none, none, none
+    iterate(
+        0.0, 1.0, 1, 0.0, pins, np.zeros((1, *shape)), np.zeros(2, int), one, one, True, operator,
+        *_around(layer.pitch_mm), work, none, none, none, none, one, np.empty(shape, np.float32),
+    )  # fmt: skip

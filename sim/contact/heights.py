@@ -111,7 +111,7 @@ def column_and_row(place, x, y):
     return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, **INNER)
 def heights_along(heights, columns, rows, count, found):
     """Write the heights at `count` places of a map, bilinear; twice as fast as with the places."""
     # Unsigned indices save the check for negative ones.
@@ -199,7 +199,7 @@ def footprint(
     return Footprint(*found)
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _mean_above(samples, count, lowest, mean, number):
     """Write the mean and the number of each cell's samples that are not below the lowest."""
     rows = SAMPLES * SAMPLES
@@ -256,7 +256,7 @@ def _sample_cells(heights, place, cell, count, places, at, samples, lines, mean,
                 mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _corner_heights(
     heights, place, x_mm, y_mm, shifted, shift, i, first, last, columns, rows, corners
 ):
@@ -277,14 +277,14 @@ def _corner_heights(
     heights_along(heights, columns, rows, last - first, corners[first:])
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _chosen_cells(heights, place, x_mm, y_mm, shifted, shift, included, i, chosen, columns, rows):
     """Write the cells of row i that may lie on the map, and their centers; return their number."""
     # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
     reach = (x_mm[1] - x_mm[0]) * np.hypot(place[4], place[5])
     max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
     down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
-    count, within = 0, included[i // down]
+    count, within = np.int64(0), included[i // down]
     for block in range(within.size):
         if not within[block]:
             continue

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.cubic_spline import cubic_spline
-from t2twin.core.jit import INNER, c2c, c2r, compiled, next_fast_len, r2c
+from t2twin.core.jit import c2c, c2r, compiled, next_fast_len, r2c
 from t2twin.sim.contact.closed_forms import (
     HANKEL_RADII,
     base_part,
@@ -386,7 +386,7 @@ def _transform(kernels, rows, columns, cut, spectra):
     r2c(cut, spectra, BOTH, True, 1.0, 1)
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _forward(values, spectrum):
     """Write the transform of values, (R, A), followed by rows of zeros."""
     r2c(values, spectrum[: values.shape[0]], ALONG, True, 1.0, 1)
@@ -396,7 +396,7 @@ def _forward(values, spectrum):
     c2c(spectrum, spectrum, DOWN, True, 1.0, 1)
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def _multiply(spectrum, kernel, product):
     for i in range(spectrum.shape[0]):
         for j in range(spectrum.shape[1]):
@@ -404,14 +404,14 @@ def _multiply(spectrum, kernel, product):
             product[i, j] = complex(value.real * factor, value.imag * factor)
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def _clear(values):
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             values[i, j] = 0.0
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def _to_nodes(pressure, first, taps, lines, nodes):
     """Write the pressure, (R, >= C), distributed to the nodes, (M, >= N); lines: (M, C) work."""
     per_node, columns = first.size, lines.shape[1]
@@ -430,7 +430,7 @@ def _to_nodes(pressure, first, taps, lines, nodes):
                     nodes[i, at + t] += taps[cell, t] * value
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def _add_from_nodes(nodes, first, taps, lines, values):
     """Add the interpolated nodes, (M, N), to values, (R, C). lines: (M, C) work array."""
     per_node = first.size
@@ -481,7 +481,7 @@ def respond(loads, kernels, work, is_known, response):
                 response[k, i, j] = back[i, j]
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _by_shear(first, second, traction, into, response):
     """Write the transform of a component of the response to a traction; into: of odd kernels."""
     for i in range(first.shape[0]):
@@ -491,7 +491,7 @@ def _by_shear(first, second, traction, into, response):
             response[i, j] = complex(-imag, real) if into else complex(real, imag)
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _by_pressure(kernel, pressure, response):
     """Write the transform of the displacement by a pressure; see `_by_shear` (reciprocity)."""
     for i in range(kernel.shape[0]):

@@ -426,20 +426,6 @@ def place_pins(
     return Pins(layer, window, *of_all, *of_bodies)
 
 
-@compiled(inline="always")
-def _blocks(along, per_cell, rows, columns, sides):
-    """Write the first rows, first columns and sides of all blocks, in fine cells."""
-    n = 0
-    for i in range(along.shape[0]):
-        for j in range(along.shape[1]):
-            for a in range(along[i, j]):
-                for b in range(along[i, j]):
-                    side = per_cell // along[i, j]
-                    rows[n], columns[n] = i * per_cell + a * side, j * per_cell + b * side
-                    sides[n] = side
-                    n += 1
-
-
 @compiled(nogil=True)
 def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
     down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
@@ -491,32 +477,23 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
                     cover[i, j] = shares[i, j]
 
 
-@compiled(inline="always")
-def _additional(cover, i, j, compliance):
-    """Additional compliance of a fine cell at the shape's edge; see `_edge_compliance`."""
-    share, rows, columns = cover[i, j], cover.shape[0], cover.shape[1]
-    inner = share >= 1.0
-    if inner and i > 0:
-        inner = cover[i - 1, j] > 0.0
-    if inner and i + 1 < rows:
-        inner = cover[i + 1, j] > 0.0
-    if inner and j > 0:
-        inner = cover[i, j - 1] > 0.0
-    if inner and j + 1 < columns:
-        inner = cover[i, j + 1] > 0.0
-    return 0.0 if inner else compliance * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)
-
-
 @compiled(nogil=True)
 def _place(
     along, per_cell, heights, shares, wall, compliance, surface, thickness, first_touch, rows,
     columns, sides, of_pins, cover,
 ):  # fmt: skip
     """Write the covered pins; of_pins: gaps, covered cells, edge compliances, thicknesses."""
-    _blocks(along, per_cell, rows, columns, sides)
+    kept = n = 0
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            side = per_cell // max(along[i, j], 1)
+            for a in range(along[i, j]):
+                for b in range(along[i, j]):
+                    rows[n], columns[n] = i * per_cell + a * side, j * per_cell + b * side
+                    sides[n] = side
+                    n += 1
     # In a block that a wall crosses only the part above the wall is pressed.
     _cover(heights, shares, wall, rows, columns, sides, cover)
-    kept = 0
     for n in range(rows.size):
         total, distance, giving, deep = 0.0, 0.0, 0.0, 0.0
         for i in range(rows[n], rows[n] + sides[n]):
@@ -525,7 +502,13 @@ def _place(
                 if part > 0.0:
                     total += part
                     distance += part * (-surface[i, j] - heights[i, j] - first_touch)
-                    giving += part * part * _additional(cover, i, j, compliance)
+                    inner = part >= 1.0
+                    for k, m in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+                        if inner and 0 <= k < cover.shape[0] and 0 <= m < cover.shape[1]:
+                            inner = cover[k, m] > 0.0
+                    if not inner:  # at the shape's edge; see `_edge_compliance`
+                        edge = compliance * (EDGE_SHARE / max(part, MIN_COVER) - EDGE_RISE)
+                        giving += part * part * edge
                     deep += part * thickness[i, j]
         if total > 0.0:
             rows[kept], columns[kept], sides[kept] = rows[n], columns[n], sides[n]

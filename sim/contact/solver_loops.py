@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from t2twin.core.jit import INNER, compiled
+from t2twin.core.jit import compiled
 from t2twin.sim.contact.elastomer import stiffened
 from t2twin.sim.contact.layer import convolve
 
@@ -49,7 +49,7 @@ def _mean_linear(linear, cover, body, row, column, side, covered):
     return mean, max(squares / covered - mean * mean, 0.0)
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def _mean_deflections(
     linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
 ):
@@ -104,7 +104,7 @@ def _sum_of(sums, k, top, bottom, left, right):
     return sums[bottom, right, k] - sums[top, right, k] - sums[bottom, left, k] + sums[top, left, k]
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
     """Amplify, in place, the short waves of a step from `current` to pressure.
 
@@ -144,7 +144,7 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
             pressure[n] += gains[k] * (change - around / loaded)
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def eliminate(system):
     """Solve (k, k + 1) equations into their last column; False where they are singular."""
     size = len(system)
@@ -167,7 +167,7 @@ def eliminate(system):
     return True
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def accelerate(memory, normal, counts, point, image, mixed):
     """Write the next point of Anderson acceleration; see `anderson`.
 
@@ -227,7 +227,7 @@ def anderson(size: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return following
 
 
-@compiled(nogil=True, **INNER)
+@compiled(inline="always")
 def spring_step(
     min_slope, ends, gap, area, edge, forces, compliance, surface, slope, tops, stiffness, current,
     pressure, local, rest, depths,

@@ -35,15 +35,18 @@ BOTH = "both"  # sensor of presses into both sensors
 BALL_MM, FORCE_N = 6.0, 2.0  # of the press of `t2twin sensors check`
 DEEPEST = 0.5  # its largest depth over the elastomer's thickness; it reduces the force
 
-RENDER = """
+AHEAD = """
 import gc
 gc.disable()
+from t2twin.sim.contact.contact_solver import compile_layout
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair
 camera = SensorPair().camera
+compile_layout(camera.elastomer, camera.pitch_mm)
+print(flush=True)
 camera.image_renderer.render(ball_surface(camera.elastomer, 0.0, 0.0, 1.0))
 """
-"""A program that renders an image."""
+"""A program that compiles the loops before a press's iteration, then those of images."""
 
 
 def shapes() -> None:
@@ -239,18 +242,20 @@ class SlideOptions(TouchOptions):
         return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
-def _compile_ahead() -> "subprocess.Popen | None":
-    """Start a process that compiles the loops of images, if none is cached and there are two cores.
-
-    In one process, numba compiles one loop at a time.
-    """
+def _compile_ahead(pair: "SensorPair") -> "subprocess.Popen | None":
+    """Compile loops here and in another process, if none is cached and there are two cores."""
     from t2twin.core.jit import cached_code
+    from t2twin.sim.contact.contact_solver import compile_iteration
     from t2twin.sim.optical import compiled
 
     if cached_code(compiled.__file__) != [] or cores() < 2:
         return None
-    nothing = subprocess.DEVNULL
-    return subprocess.Popen([sys.executable, "-c", RENDER], stdout=nothing, stderr=nothing)
+    program = [sys.executable, "-c", AHEAD]
+    helper = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    compile_iteration(pair.target.elastomer, pair.target.pitch_mm)
+    with helper.stdout or nullcontext(iter(())) as lines:
+        next(lines, None)  # printed after compile_layout
+    return helper
 
 
 @contextmanager
@@ -294,7 +299,7 @@ def press(
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
     command = options.command(shape, pair.source)
     pressed = [sensor for name, sensor in pair.by_name.items() if only in (None, name)]
-    helper = _compile_ahead() if any(sensor.VALUE == "image" for sensor in pressed) else None
+    helper = _compile_ahead(pair) if any(sensor.VALUE == "image" for sensor in pressed) else None
     touch = pair.press(shape, command, rng, timed, only)
     folder = options.folder("press", shape)
     touch.save(folder)

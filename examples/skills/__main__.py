@@ -1,3 +1,0 @@
-from examples.skills.study import main
-
-main()
