@@ -159,8 +159,10 @@ def collision_boxes(shape: t2twin.Shape) -> Iterator[tuple[np.ndarray, np.ndarra
             yield in_scene(shape, (low + high) / 2), 1e-3 * np.maximum(high - low, THINNEST_MM) / 2
 
 
-def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSensor, ...]:
-    """A hand that moves up and down, two coupled fingers, and a sensor in each: DIGIT, CySkin.
+def add_gripper(
+    spec: mujoco.MjSpec, height: float, names: tuple[str, str] = ("digit", "cyskin")
+) -> tuple[t2twin.AttachedSensor, ...]:
+    """A hand that moves up and down, two coupled fingers, and in each a sensor, of these names.
 
     Actuators: force of the left and of the right finger, N, and height above the start, m.
     height: of the sensors' centers, m.
@@ -172,7 +174,7 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
         **NO_CONTACT, rgba=HAND_RGBA,
     )  # fmt: skip
     sensors: list[t2twin.AttachedSensor] = []
-    for side, sign, sensor in (("left", -1.0, "digit"), ("right", 1.0, "cyskin")):
+    for side, sign, sensor in zip(("left", "right"), (-1.0, 1.0), names, strict=True):
         device = load_sensor(sensor)
         thickness_mm = device.elastomer.thickness_mm
         finger = hand.add_body(name=f"{side}_finger", pos=[sign * OPEN_M, 0, 0], gravcomp=1)

@@ -1,0 +1,3 @@
+from examples.skills.study import main
+
+main()
