@@ -29,3 +29,4 @@ def test_the_band_fails_a_worse_model():
 
     assert len(changed("rmse_percent", lambda error: 1.3 * error)) >= 4
     assert len(changed("contact_iou", lambda overlap: overlap - 0.06)) == 4
+    assert len(changed("gain", lambda gain: 0.8 * gain)) == 4

@@ -15,6 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.evidence import Benchmark, Figure, read_results
 from t2twin.sim.dataset.generate import make_dataset
 
@@ -29,18 +31,20 @@ BENCHMARK = Benchmark(
         Figure("against.rmse_of_mean_array.val.*", most=0.7),
         Figure("against.rmse_of_mean_array.test.*", most=1.0),
         Figure("against.iou_below_baseline.*.*", most=0.05),
+        # By which a wrong scale is found. Other seeds have up to 0.07 (measured).
+        Figure("against.gain_off_baseline.*.*", most=0.13),
     ),
     is_baseline=True,
 )
 
 SCALE = "small"
-FAMILIES = ("square", "hemisphere")
-TOOLS = ("allen-key/short-end", "clamp/pad", "pliers/teeth", "scissors/pivot", "wrench/shank")
-SHAPES = (*(f"{family}-{version}" for family in FAMILIES for version in (1, 2, 3)), *TOOLS)
-"""Of two families, two versions to train on and the one to validate on, which lies between them;
-and one place of each tool, blunt or straight as these are."""
+SHAPES = (
+    "square-1", "square-2", "square-3", "allen-key/short-end", "clamp/pad", "pliers/teeth",
+)  # fmt: skip
+"""Two versions of a primitive to train on and the one to validate on, which lies between them; and
+one place of each of three tools, blunt or straight as these are."""
 
-EPOCHS = {"touch2touch": 12, "resnet18": 6}
+EPOCHS = {"touch2touch": 16, "resnet18": 8}
 """Epochs of each translator: brief, yet enough to be well below the mean array."""
 
 CHANGES = {"touch2touch": {"size": 32, "batch": 8}, "resnet18": {"size": 64, "batch": 8}}
@@ -50,7 +54,7 @@ DECIMALS = 6
 """Of what is compared with a limit, so that what meets it exactly does meet it."""
 
 Figures = dict[str, dict[str, dict[str, float]]]
-"""Figures by name ("rmse_percent", "contact_iou"), split and model."""
+"""Figures by name ("rmse_percent", "contact_iou", "gain"), split and model."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -63,13 +67,13 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def make_data(folder: Path, cache: Path | None = None) -> None:
-    """Writes the dataset: 128 pairs to train on, 64 to validate on and 45 of the tools."""
+    """Writes the dataset: 64 pairs to train on, 32 to validate on and 27 of the tools."""
     make_dataset(folder, SCALE, seed=0, workers=1, cache=cache, shapes=SHAPES)
 
 
 def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS) -> Figures:
     """The figures of translators whose runs are made in folder; contact IoU of these alone."""
-    from t2twin.translate.evaluation.evaluate import evaluate
+    from t2twin.translate.evaluation.evaluate import PREDICTIONS, TRUTH, evaluate
     from t2twin.translate.models.presets import find_preset
     from t2twin.translate.training.train import train
 
@@ -77,17 +81,22 @@ def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS)
     for model, run in runs.items():
         preset = replace(find_preset(model, "cpu"), **CHANGES[model])
         train(model, data, preset, run, seed=0, epochs=EPOCHS[model])
-    measured: Figures = {"rmse_percent": {}, "contact_iou": {}}
+    measured: Figures = {"rmse_percent": {}, "contact_iou": {}, "gain": {}}
     for split in ("val", "test"):
         rows = evaluate([*runs.values()], data, split, folder / split).models
         for figure, which in (("rmse_percent", tuple(rows)), ("contact_iou", tuple(runs))):
             measured[figure][split] = {name: round(rows[name].overall[figure], 3) for name in which}
+        found = np.load(folder / split / PREDICTIONS)
+        truth = found[TRUTH] / np.square(found[TRUTH].astype(float)).sum()
+        gains = {name: round(float((found[name] * truth).sum()), 3) for name in runs}
+        measured["gain"][split] = gains
     return measured
 
 
 def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
     """What the limits are for: errors in parts of the baseline's, the translators' in parts of the
-    mean array's, and how far their contact IoU is below the baseline's."""
+    mean array's, how far their contact IoU is below the baseline's, and by what share their gain,
+    the slope of predicted over true counts, differs from it."""
     from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 
     errors, ious = measured["rmse_percent"], measured["contact_iou"]
@@ -107,5 +116,10 @@ def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
             split: {name: round(before[1][split][name] - iou, DECIMALS)
                     for name, iou in rows.items()}
             for split, rows in ious.items()
+        },
+        "gain_off_baseline": {
+            split: {name: round(abs(gain / baseline["gain"][split][name] - 1.0), DECIMALS)
+                    for name, gain in rows.items()}
+            for split, rows in measured["gain"].items()
         },
     }  # fmt: skip
