@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, HELD_OUT, small_digit, write_frames
 from moving import write_recipe
-from session import SESSION, Products, start
+from session import SESSION, Products, compile_loops, start
 
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
@@ -34,13 +34,15 @@ def pytest_configure(config):
         folder = start(*map(config.cache.mkdir, ("numba", "mujoco", "matplotlib")))
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         config.add_cleanup(lambda: os.environ.pop(SESSION))
+        if config.getoption("numprocesses", None) and not config.option.collectonly:
+            compile_loops()
 
 
 FIRST = (
-    "test_regression.py", "test_calibrate.py", "test_documents.py", "test_calibrate_uncertainty.py",
-    "test_studio_page.py", "test_field.py", "test_recipe_datasets.py",
-    "test_calibrate_any_sensor.py", "test_examples.py", "test_training.py",
-    "test_report.py",
+    "test_documents.py", "test_contact_prediction.py", "test_regression.py", "test_examples.py",
+    "test_calibrate_any_sensor.py", "test_any_pair.py", "test_calibrate.py", "test_studio_page.py",
+    "test_recipe_datasets.py", "test_field.py", "test_calibrate_uncertainty.py",
+    "test_training.py", "test_report.py",
 )  # fmt: skip
 """Test files that take longest, in this order: while a worker runs one, the others run the rest."""
 

@@ -6,14 +6,21 @@ environment, so that an expensive product is made once, by the worker that needs
 
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import DEVNULL, CompletedProcess, Popen, run
+from typing import Any
 
+import numba
 from filelock import FileLock
 
 from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.jit import cached_code
+from t2twin.sim.contact import solver_loops
 
+_numba: Any = numba
 SESSION = "T2TWIN_TEST_SESSION"
 """Environment variable that names the folder of the session to the workers."""
 
@@ -25,6 +32,24 @@ FOLDERS = {
     VARIABLE: "cache",
 }
 """Environment variables that name a user's folders, and the folders that replace them."""
+
+LOOPS = (
+    """
+from t2twin.cli import main
+main(["slide", "hemisphere-1", "--sensor", "cyskin", "--dx-mm", "0.2", "--steps", "1"])
+""",
+    """
+from t2twin.primitives_cad import catalogue, tilt
+from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
+camera = SensorPair().camera
+camera.image_renderer.render(ball_surface(camera.elastomer, 0.0, 0.0, 1.0))
+tilt.tilted(catalogue.load("hemisphere-1"), 0.1, 0.0)
+import cadquery, torch._dynamo
+""",
+)
+"""Programs that compile the loops of contacts with friction, and those of images and shapes. The
+second also imports what takes longest, as libraries are installed without bytecode."""
 
 DECODED = "cache"
 """Folder of a dataset that every reader may write to: its decoded images."""
@@ -46,6 +71,22 @@ def start(numba: Path, mujoco: Path, matplotlib: Path) -> Path:
     (folder / FOLDERS[VARIABLE] / "mujoco").symlink_to(mujoco)
     os.environ["NUMBA_CACHE_DIR"], os.environ["MPLCONFIGDIR"] = str(numba), str(matplotlib)
     return folder
+
+
+def compile_loops() -> None:
+    """Compiles most loops, in two processes, unless they are cached: each worker would compile
+    them."""
+    _numba.core.config.reload_config()  # reads NUMBA_CACHE_DIR again
+    if cached_code(solver_loops.__file__) == []:
+        commands = [[sys.executable, "-c", program] for program in LOOPS]
+        for process in [Popen(each, cwd=os.environ[SESSION], stdout=DEVNULL) for each in commands]:
+            process.wait()
+
+
+def python(*arguments: object, **variables: str) -> CompletedProcess[str]:
+    """Runs Python in a process of its own; variables: added to its environment."""
+    command = [sys.executable, *map(str, arguments)]
+    return run(command, env=os.environ | variables, capture_output=True, text=True)
 
 
 class Products:

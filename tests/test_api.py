@@ -1,10 +1,9 @@
 """The public API: what is listed, and how quickly it is there."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
+from session import python
 
 import t2twin
 
@@ -54,9 +53,7 @@ def test_what_is_public_is_listed_once_and_there():
 def test_import_and_help_load_nothing_slow(script):
     """Each of SLOW takes as long to import as all of these together may take."""
     script = f"import contextlib, sys\n{script}\nprint('loaded', *(set({SLOW}) & set(sys.modules)))"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
+    done = python("-c", script)
     assert done.stdout.splitlines()[-1] == "loaded"
 
 

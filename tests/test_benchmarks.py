@@ -21,8 +21,6 @@ from benchmarks.evidence import (
     processor,
     read_results,
     run,
-    value,
-    values,
     versions,
     write_results,
 )
@@ -68,18 +66,6 @@ def test_a_module_declares_a_benchmark_of_its_own_name(benchmark):
         path = ROOT / source
         is_module = path.is_file() and path.suffix == ".py"
         assert (path.is_dir() or is_module) and not path.is_symlink()
-
-
-# Values
-
-
-def test_values_are_found_by_their_paths():
-    content = {"a": {"x": {"n": 1}, "y": {"n": [2, 3]}}, "none": None}
-    assert value(content, "a.y.n.1") == 3
-    assert values(content, "a.*.n") == {"a.x.n": 1, "a.y.n": [2, 3]}
-    assert values(content, "none.n") == {}
-    with pytest.raises(T2TwinError, match=r"nothing at a\.z"):
-        values(content, "a.z.n")
 
 
 # Running

@@ -1,7 +1,4 @@
 import json
-import os
-import subprocess
-import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -9,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from session import python
 
 import t2twin
 from t2twin.cli import main
@@ -104,11 +102,8 @@ def test_version_and_shapes_are_told_without_making_any(tmp_path, capsys):
 def test_commands_import_no_renderer_of_mujoco():
     """MuJoCo's EGL needs another PyOpenGL than pyrender; GLFW starts processes on import, which
     print an error when the command is stopped."""
-    command = [sys.executable, "-X", "importtime", "-m", "t2twin"]
-    command += ["press", "square-2", "--sensor", "cyskin"]
-    folder = str(Path(__file__).parents[1])
-    environment = {**os.environ, "MUJOCO_GL": "glfw", "PYTHONPATH": folder}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    words = ["-X", "importtime", "-m", "t2twin", "press", "square-2", "--sensor", "cyskin"]
+    done = python(*words, MUJOCO_GL="glfw", PYTHONPATH=str(Path(__file__).parents[1]))
     assert done.returncode == 0, done.stderr
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert "mujoco" in imported and not imported & {"glfw", "mujoco.egl"}

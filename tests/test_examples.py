@@ -1,13 +1,13 @@
 """The examples, with few readings and few objects."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
+from session import python
 
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -74,12 +74,9 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     recording = tmp_path / "gripper.rrd"
     options = ["--tools", "allen-key", "--rate-hz", str(rate_hz), "--every", "4"]
     folders = [EXAMPLES, EXAMPLES.parent, tmp_path]
-    ended = subprocess.run(
-        [sys.executable, "-c", GRIPPER, *options, "--out", str(file), "--rerun", str(recording)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))},
-        capture_output=True,
-        text=True,
-    )
+    path = os.pathsep.join(map(str, folders))
+    command = ["-c", GRIPPER, *options, "--out", file, "--rerun", recording]
+    ended = python(*command, PYTHONPATH=path)
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
     end_s = float(lines[-1])

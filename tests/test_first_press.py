@@ -1,12 +1,11 @@
 """The first press: nothing slow is imported, the catalogue is bundled, loops are compiled once."""
 
-import os
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 from matplotlib import colormaps
+from session import python
 
 from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
@@ -38,10 +37,7 @@ ROUNDING_MM = 4e-6
 def test_a_press_imports_nothing_slow_and_says_when_it_compiles(tmp_path):
 
     def press(**more: str) -> subprocess.CompletedProcess:
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", PRESS],
-            cwd=tmp_path, env=os.environ | more, capture_output=True, text=True,
-        )  # fmt: skip
+        done = python("-W", "error", "-c", PRESS, **more)
         assert done.returncode == 0, done.stderr
         assert "slow: []" in done.stdout
         return done
@@ -56,9 +52,8 @@ def test_a_press_imports_nothing_slow_and_says_when_it_compiles(tmp_path):
 
 
 def test_a_refusal_comes_before_anything_is_compiled(tmp_path):
-    environment = os.environ | {"NUMBA_CACHE_DIR": "", VARIABLE: str(tmp_path / "cache")}
-    command = [sys.executable, "-m", "t2twin", "press", "square-2", "--force-n", "-1"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    own = {"NUMBA_CACHE_DIR": "", VARIABLE: str(tmp_path / "cache")}
+    done = python("-m", "t2twin", "press", "square-2", "--force-n", "-1", **own)
     assert done.returncode == 2
     assert done.stderr.startswith("t2twin: ") and done.stderr.count("\n") == 1
     assert NOTICE not in done.stderr

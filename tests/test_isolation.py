@@ -2,13 +2,11 @@
 
 import json
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
-from session import FOLDERS
+from session import FOLDERS, python
 
 ROOT = Path(__file__).parents[1]
 ON_THE_SPOT = (
@@ -40,9 +38,7 @@ def test_a_test_runs_in_its_own_empty_folder(tmp_path, module_folder):
 
 
 def test_commands_find_temporary_folders_alone():
-    done = subprocess.run(
-        [sys.executable, "-c", ON_THE_SPOT], capture_output=True, text=True, check=True
-    )
+    done = python("-c", ON_THE_SPOT)
     for folder in (*json.loads(done.stdout), *(os.environ[name] for name in FOLDERS)):
         assert is_temporary(folder), folder
 

@@ -1,11 +1,10 @@
 """MuJoCo and pyrender in one process, for each platform of OpenGL in the environment."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from session import python
 
 PRESS = "import t2twin; t2twin.attach; print(t2twin.press('hemisphere-4').digit.force_n)\n"
 
@@ -35,14 +34,8 @@ with mujoco.Renderer(model, 60, 60) as renderer:
 
 
 def run(program: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    environment = {
-        **os.environ,
-        "PYOPENGL_PLATFORM": "",
-        "PYTHONPATH": str(Path(__file__).parents[1]),
-        **variables,
-    }
-    command = [sys.executable, "-c", program]
-    return subprocess.run(command, env=environment, capture_output=True, text=True)
+    own = {"PYOPENGL_PLATFORM": "", "PYTHONPATH": str(Path(__file__).parents[1])}
+    return python("-c", program, **(own | variables))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The layout of the package: one name when it is installed, layers, no import cycles."""
 
-import os
 import re
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from session import python
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("translate", "sim", "primitives_cad")
@@ -51,7 +51,7 @@ def test_citation_and_changelog_are_of_this_version(wheel):
 
 
 @pytest.mark.exhaustive
-def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
+def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path, monkeypatch):
     """An index has a package `translate`; a user's script may stand beside a folder `sim`."""
     site, work = tmp_path / "site", tmp_path / "work"
     pip("install", "--target", site, wheel)
@@ -63,11 +63,9 @@ def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
         "import t2twin, t2twin.sim.sensors, t2twin.sim.taxels.phi\n"
         "print(t2twin.__file__, len(t2twin.shapes()))\n"
     )
-    environment = os.environ | {"PYTHONPATH": str(site)}
+    monkeypatch.chdir(work)
     for command in ([script], ["-m", "t2twin", "press", "--help"]):
-        done = subprocess.run(
-            [sys.executable, *command], cwd=work, env=environment, capture_output=True, text=True
-        )
+        done = python(*command, PYTHONPATH=str(site))
         assert done.returncode == 0, done.stderr
         if command == [script]:
             assert done.stdout.startswith(str(site)) and done.stdout.endswith(" 52\n")

@@ -34,13 +34,3 @@ def test_work_that_goes_on_is_estimated_from_here(capsys, now):
             now[0] += 1.0
     lines = capsys.readouterr().err.splitlines()
     assert lines == ["work: 661 of 1,200 pairs, about 8.8 minutes left"]
-
-
-def test_a_line_of_its_own_takes_the_place_of_the_next(capsys, now):
-    with Progress(total=1000, desc="work", unit="step") as bar:
-        for n in range(200):
-            now[0] += 1.0
-            bar.update()
-            if n % 50 == 49:
-                bar.print_line(f"part {n // 50}")
-    assert capsys.readouterr().err.splitlines() == [f"work: part {n}" for n in range(4)]

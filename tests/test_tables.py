@@ -1,7 +1,6 @@
-"""One table as text, in Markdown and in HTML."""
+"""One table as text and in Markdown."""
 
 from t2twin.core.tables import NONE, Table, markdown, text
-from t2twin.core.templates import environment
 
 TABLE = Table(
     columns=["", "error", "share"],
@@ -38,11 +37,3 @@ def test_markdown() -> None:
         "| **Others** |  |  |",
         "| d | −3 | 1 % |",
     ]
-
-
-def test_html_has_titles_and_notes() -> None:
-    macros = environment().get_template("report/templates/macros.html").module
-    shown = str(macros.table(TABLE))  # pyright: ignore[reportAttributeAccessIssue]
-    assert '<th scope="rowgroup" colspan="3">Others</th>' in shown
-    assert shown.count("<tr") == 1 + 2 + 2 and "<td>1,200 (900–1,500)</td>" in shown
-    assert "<b>Errors</b>" in shown and "A note. Another." in shown

@@ -10,7 +10,7 @@ physics or a network changes on purpose, write a new baseline and give the reaso
 
 import tempfile
 from argparse import Namespace
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,8 +88,7 @@ def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS)
             measured[figure][split] = {name: round(rows[name].overall[figure], 3) for name in which}
         found = np.load(folder / split / PREDICTIONS)
         truth = found[TRUTH] / np.square(found[TRUTH].astype(float)).sum()
-        gains = {name: round(float((found[name] * truth).sum()), 3) for name in runs}
-        measured["gain"][split] = gains
+        measured["gain"][split] = {n: round(float((found[n] * truth).sum()), 3) for n in runs}
     return measured
 
 
@@ -99,27 +98,17 @@ def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
     the slope of predicted over true counts, differs from it."""
     from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 
-    errors, ious = measured["rmse_percent"], measured["contact_iou"]
-    before = baseline["rmse_percent"], baseline["contact_iou"]
+    errors, ious, gains = (measured[name] for name in ("rmse_percent", "contact_iou", "gain"))
+
+    def per(rows: dict[str, Any], figure: Callable[[str, str], float]) -> dict[str, Any]:
+        return {
+            split: {name: round(figure(split, name), DECIMALS) for name in names}
+            for split, names in rows.items()
+        }
+
     return {
-        "rmse_of_baseline": {
-            split: {name: round(error / before[0][split][name], DECIMALS)
-                    for name, error in rows.items()}
-            for split, rows in errors.items()
-        },
-        "rmse_of_mean_array": {
-            split: {name: round(errors[split][name] / errors[split][MEAN_ARRAY], DECIMALS)
-                    for name in rows}
-            for split, rows in ious.items()
-        },
-        "iou_below_baseline": {
-            split: {name: round(before[1][split][name] - iou, DECIMALS)
-                    for name, iou in rows.items()}
-            for split, rows in ious.items()
-        },
-        "gain_off_baseline": {
-            split: {name: round(abs(gain / baseline["gain"][split][name] - 1.0), DECIMALS)
-                    for name, gain in rows.items()}
-            for split, rows in measured["gain"].items()
-        },
-    }  # fmt: skip
+        "rmse_of_baseline": per(errors, lambda s, n: errors[s][n] / baseline["rmse_percent"][s][n]),
+        "rmse_of_mean_array": per(ious, lambda s, n: errors[s][n] / errors[s][MEAN_ARRAY]),
+        "iou_below_baseline": per(ious, lambda s, n: baseline["contact_iou"][s][n] - ious[s][n]),
+        "gain_off_baseline": per(gains, lambda s, n: abs(gains[s][n] / baseline["gain"][s][n] - 1)),
+    }
