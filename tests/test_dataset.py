@@ -18,7 +18,6 @@ from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.shard import STAGES
 from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, verify_dataset
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.defaults import ROLES
@@ -134,10 +133,7 @@ def test_a_killed_worker_is_one_sentence(tmp_path, shape_cache):
 def test_the_log_says_where_the_time_went(made):
     (record,) = [json.loads(line) for line in (made / LOG).read_text().splitlines()]
     assert record["pairs"] == 10 and record["workers"] == 1
-    assert list(record["stage_seconds"]) == list(STAGES)
-    spent = {stage for stage, seconds in record["stage_seconds"].items() if seconds > 0}
-    assert set(STAGES) - spent == {"contact maps", "dense counts", "light", "motion"}
-    assert sum(record["stage_seconds"].values()) < 2 * record["seconds"]
+    assert 0 < record["processor_seconds"] < 2 * record["seconds"]
     assert 50e6 < record["peak_memory_bytes"] < 24e9  # the worker has run other tests
 
 

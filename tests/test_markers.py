@@ -16,7 +16,7 @@ from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical import pyrender_renderer, response
 from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.markers import INK_REFLECTANCE
+from t2twin.sim.optical.markers import INK_REFLECTANCE, moved
 from t2twin.sim.sensors.files import load_sensor
 
 DIGIT: Any = load_sensor("digit")
@@ -141,7 +141,7 @@ def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(plain, mark
     full = response.linear(plain.background, GAMMA).sum(axis=2)
     for x_mm, y_mm in ((0.0, 0.0), (0.37, 0.0), (-0.21, 0.53)):
         image = marked.render(FLAT, shift=uniform(x_mm, y_mm))
-        places = MARKERS.moved_mm(uniform(x_mm, y_mm))
+        places = moved(MARKERS.rest_mm, uniform(x_mm, y_mm))
         moves = places - MARKERS.rest_mm
         np.testing.assert_allclose(moves, [[x_mm, y_mm]] * len(places), atol=1e-6)
         expected, light = seen(places), response.linear(image, GAMMA).sum(axis=2)

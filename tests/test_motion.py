@@ -105,7 +105,7 @@ def test_a_path_ends_at_its_sampled_length(kind) -> None:
     ("old", "new", "said"),
     [
         ("twist = 0.3", "twist = 0.4", "expected shares whose sum is 1"),
-        ("[0.05, 0.2]", "[0.2, 0.05]", "slide_mm of motion is [0.2, 0.05]; expected low first"),
+        ("[0.05, 0.2]", "[0.2, 0.05]", "slide_mm is [0.2, 0.05]; expected low first"),
         ("[0.05, 0.2]", "[0.05, 200]", "$.motion.slide_mm"),
         ("steps = [1, 2]", "steps = [0, 2]", "$.motion.steps"),
         ("steps = [1, 2]", "steps = 3", "$.motion.steps"),

@@ -8,8 +8,9 @@ import pytest
 from spots import VALUES, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import decode_png, encode_png
+from t2twin.core.images import decode_png
 from t2twin.sim.dataset.columns import schema_of
+from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import BATCH_ROWS, iter_images, read_split, sha256_of, write_shard
 
 SCHEMA = schema_of(VALUES, None)
@@ -26,6 +27,7 @@ def test_png_gives_back_the_picture():
         rng.integers(0, 256, (320, 240, 3), dtype=np.uint8),
         np.zeros((1, 1, 3), np.uint8),
         np.full((5, 7, 3), 255, np.uint8),
+        (256 * rng.random((90, 70, 3)) ** 20).astype(np.uint8),  # of long codes
     ):
         assert (decode_png(encode_png(image)) == image).all()
 

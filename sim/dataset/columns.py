@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from t2twin.core.images import encode_png
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, CameraInfo
+from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
@@ -65,7 +65,6 @@ class Column:
     kind: str = "press"
     when: Callable[[Recipe], object] | None = None  # whether a recipe's pairs have it; None for all
     size: Callable[[Any], int] | None = None  # values in a list of a sensor
-    stage: str = "encoding"  # of t2twin.sim.dataset.shard.STAGES
     role: str = ""  # of the sensor, in a dataset; "" in TABLE and for a column of the press
 
     @property
@@ -80,12 +79,17 @@ def _pose(name: str, unit: str, about: str, when: Any = None) -> Column:
     )
 
 
-def _contact(name: str, kind: pa.DataType, unit: str, about: str) -> Column:
+def _contact(name: str, unit: str, about: str, of: Any = None) -> Column:
+    """A column of the contact; of: the value, of recipes with motion, None for the attribute."""
+    kind = pa.bool_() if isinstance(CONTACT.get(name), bool) else pa.float64()
+
     def value(sample: Sample, role: str) -> Any:
         contact = sample.reading(role).contact
-        return CONTACT[name] if contact is None else getattr(contact, name)
+        if contact is None:
+            return CONTACT.get(name, 0.0)
+        return of(contact) if of else getattr(contact, name)
 
-    return Column(name, kind, unit, about, value, "sensor")
+    return Column(name, kind, unit, about, value, "sensor", (lambda r: r.motion) if of else None)
 
 
 def _unit(name: str, kind: pa.DataType, unit: str, about: str, when: Any) -> Column:
@@ -96,18 +100,8 @@ def _traction(number: int, about: str) -> Column:
     return Column(
         TRACTIONS[number], pa.list_(pa.float32()), "kPa", about,
         lambda s, role: s.reading(role).tractions[number], COUNTS,
-        lambda recipe: recipe.motion and recipe.dense_counts, _places, "dense counts",
+        lambda recipe: recipe.motion and recipe.dense_counts, _places,
     )  # fmt: skip
-
-
-def _moving(name: str, unit: str, about: str, of: Callable[[Any], float]) -> Column:
-    def value(sample: Sample, role: str) -> float:
-        contact = sample.reading(role).contact
-        return 0.0 if contact is None else of(contact)
-
-    return Column(
-        name, pa.float64(), unit, about, value, "sensor", lambda r: r.motion, stage="motion"
-    )
 
 
 def _places(sensor: ArrayInfo) -> int:
@@ -146,10 +140,10 @@ TABLE: tuple[tuple[Column, ...], ...] = (
                lambda s, role: s.reading(role).counts, COUNTS, size=lambda s: s.x_mm.size),
     ),
     (
-        _contact("depth_mm", pa.float64(), "mm", "depth from first contact"),
-        _contact("force_n", pa.float64(), "N", "force carried by the contact pressure"),
-        _contact("settled", pa.bool_(), "", "whether the contact solver converged"),
-        _contact("bottomed", pa.bool_(), "", "whether the shape's base plate touched"),
+        _contact("depth_mm", "mm", "depth from first contact"),
+        _contact("force_n", "N", "force carried by the contact pressure"),
+        _contact("settled", "", "whether the contact solver converged"),
+        _contact("bottomed", "", "whether the shape's base plate touched"),
     ),
     (
         _unit(UNIT, pa.int64(), "", "number of the unit in its part of the recipe",
@@ -160,14 +154,14 @@ TABLE: tuple[tuple[Column, ...], ...] = (
         Column(CONTACT_MAPS[0], pa.list_(pa.int16()), "um", "depth of the gel in the cells of "
                "`contact_grid`, row by row",
                lambda s, role: _whole(1e3 * s.reading(role).depth_map_mm, np.int16),
-               IMAGE, lambda r: r.contact_maps, _cells, "contact maps"),
+               IMAGE, lambda r: r.contact_maps, _cells),
         Column(CONTACT_MAPS[1], pa.list_(pa.uint32()), "0.1 kPa", "normal pressure there: force on "
                "the gel that a cell shows, over its share of `view_mm`",
                lambda s, role: _whole(10.0 * s.reading(role).pressure_map_kpa, np.uint32),
-               IMAGE, lambda r: r.contact_maps, _cells, "contact maps"),
+               IMAGE, lambda r: r.contact_maps, _cells),
         Column(DENSE_COUNTS, COUNTS_TYPE, "counts", "noiseless counts of pads at `dense_x_mm`, "
                "`dense_y_mm`", lambda s, role: s.reading(role).dense_counts,
-               COUNTS, lambda r: r.dense_counts, _places, "dense counts"),
+               COUNTS, lambda r: r.dense_counts, _places),
         _traction(0, "pressure on the cover: force on the surface nearest to a place of the dense "
                      "counts, over `dense_cell_mm2`"),
         _traction(1, "shear there along x"),
@@ -182,11 +176,11 @@ TABLE: tuple[tuple[Column, ...], ...] = (
         Column(MOTION[0], pa.float64(), "", "coefficient of friction",
                lambda s, role: [*s.friction.values()][ROLES.index(role)], "sensor",
                lambda r: r.motion),
-        _moving(MOTION[1], "N", "tangential force along x", lambda c: float(c.shear_n[0])),
-        _moving(MOTION[2], "N", "tangential force along y", lambda c: float(c.shear_n[1])),
-        _moving(MOTION[3], "N mm", "torque about the shape's origin, clockwise",
-                lambda c: c.torque_nmm),
-        _moving(MOTION[4], "", "share of the contact that slips", lambda c: c.slip_share),
+        _contact(MOTION[1], "N", "tangential force along x", lambda c: float(c.shear_n[0])),
+        _contact(MOTION[2], "N", "tangential force along y", lambda c: float(c.shear_n[1])),
+        _contact(MOTION[3], "N mm", "torque about the shape's origin, clockwise",
+                 lambda c: c.torque_nmm),
+        _contact(MOTION[4], "", "share of the contact that slips", lambda c: c.slip_share),
     ),
 )  # fmt: skip
 """All columns in their order. The columns of a group come for the source, then for the target."""
@@ -194,17 +188,13 @@ TABLE: tuple[tuple[Column, ...], ...] = (
 
 def columns_of(values: Values, recipe: Recipe | None) -> list[Column]:
     """The columns of a recipe's shards, without a recipe those of every dataset."""
-
-    def has(each: Column, kinds: tuple[str, ...]) -> bool:
-        wanted = each.when is None or (recipe is not None and bool(each.when(recipe)))
-        return wanted and each.kind in kinds
-
     found = []
     for group in TABLE:
-        found += [each for each in group if has(each, ("press",))]
+        own = [each for each in group if not each.when or (recipe and each.when(recipe))]
+        found += [each for each in own if each.kind == "press"]
         for role in ROLES:
             kinds = "sensor", values[role]
-            found += [replace(each, role=role) for each in group if has(each, kinds)]
+            found += [replace(each, role=role) for each in own if each.kind in kinds]
     return found
 
 

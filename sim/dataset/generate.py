@@ -45,7 +45,7 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.shard import STAGES, Make, Tally, make_shard, make_shard_in_worker
+from t2twin.sim.dataset.shard import Make, Tally, make_shard, make_shard_in_worker
 from t2twin.sim.dataset.store import (
     INFO,
     LOG,
@@ -324,17 +324,11 @@ def _make_shards(
 def _log(file: Path, total: Tally, pairs: int, workers: int, seconds: float) -> None:
     """Print time and memory of a run, and add them to a log."""
     peak_bytes, rejected, notes = sum(total.peaks.values()), total.rejected, total.notes
-    stages = ", ".join(
-        f"{stage} {1e3 * total.seconds[stage] / pairs:.1f}"
-        for stage in STAGES
-        if stage != "shape" and total.seconds[stage]
-    )
-    busy = sum(total.seconds.values()) / (workers * seconds)
+    busy = total.seconds / (workers * seconds)
     print(
         f"{counted(pairs, 'pair')} in {seconds:.0f} s with {counted(workers, 'worker')}: "
         f"{pairs / seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
-        f"processor time of a pair, ms: {stages}; and {total.seconds['shape']:.1f} s to load the "
-        "shapes"
+        f"processor time of a pair: {1e3 * total.seconds / pairs:.1f} ms"
     )
     for reason, count in sorted(rejected.items()):
         print(f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}")
@@ -346,7 +340,7 @@ def _log(file: Path, total: Tally, pairs: int, workers: int, seconds: float) -> 
         "pairs": pairs,
         "workers": workers,
         "seconds": round(seconds, 2),
-        "stage_seconds": {stage: round(total.seconds[stage], 3) for stage in STAGES},
+        "processor_seconds": round(total.seconds, 3),
         "peak_memory_bytes": peak_bytes,
         "rejected": dict(sorted(rejected.items())),
         "notes": dict(sorted(notes.items())),

@@ -8,7 +8,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -18,7 +17,6 @@ import numpy as np
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
@@ -27,6 +25,7 @@ from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
 from t2twin.sim.dataset.info import Shard, versions
+from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.units import log_uniform
@@ -47,21 +46,6 @@ from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import slide_to
 from t2twin.sim.touch import Touch
 
-STAGES = (
-    "press source",
-    "press target",
-    "read source",
-    "read target",
-    "motion",
-    "dense counts",
-    "contact maps",
-    "light",
-    "encoding",
-    "writing",
-    "shape",
-)
-"""Stages of a shard. "shape" is done once for all presses of a shape."""
-
 # Random streams of a seed, of the units: markers, artifacts, and which are the fixed one.
 MARKER_STREAM, ARTIFACT_STREAM, FIXED_STREAM = 18, 21, 22
 
@@ -71,32 +55,19 @@ MAX_JITTER_SHARE = 0.3  # largest jitter over the free distance (assumed)
 
 Make = Callable[[Batch], tuple[Shard, "Tally"]]  # make_shard for one dataset
 
-# Makes a press and the touches of its path; the last one is rejected, or none
-Press = Callable[[Shape, Sequence[PressCommand], np.random.Generator], list[Touch]]
-
 
 class Tally:
     """What is counted of a shard, or of many: processor time, rejected attempts, notes, memory."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)  # processor time by stage
+        self.seconds = 0.0  # processor time
         self.rejected: Counter[str] = Counter()  # attempts by reason
         self.notes: Counter[str] = Counter()  # pairs by the notes of their touch
         self.peaks: dict[str, int] = {}  # peak memory of the processes by name, bytes
 
-    @contextmanager
-    def running(self, stage: str) -> Iterator[None]:
-        """Add the processor time of the block to a stage."""
-        start = time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds[stage] += time.process_time() - start
-
     def add(self, other: "Tally") -> None:
         """Add the counts of a later shard."""
-        for stage, seconds in other.seconds.items():
-            self.seconds[stage] += seconds
+        self.seconds += other.seconds
         self.rejected.update(other.rejected)
         self.notes.update(other.notes)
         self.peaks |= other.peaks
@@ -144,22 +115,16 @@ def make_shard(
     """
     tally, start = Tally(), time.process_time()
     values: dict[str, str] = {role: getattr(sensors, role).VALUE for role in ROLES}
-    columns = columns_of(values, recipe)
+    columns = [(each.full_name, each.value, each.role) for each in columns_of(values, recipe)]
 
     def rows() -> Iterator[dict[str, Any]]:
         for sample in _samples(recipe, sensors, cache, batch, tally):
-            with tally.running("encoding"):
-                tally.notes.update(sample.touch.notes)
-            row = {}
-            for each in columns:
-                with tally.running(each.stage):
-                    row[each.full_name] = each.value(sample, each.role)
-            yield row
+            tally.notes.update(sample.touch.notes)
+            yield {name: value(sample, role) for name, value, role in columns}
 
     digest = write_shard(folder / batch.path, rows(), schema_of(values, recipe))
     trim_memory()
-    # The rows are made while the shard is written; the rest of the time is the writing.
-    tally.seconds["writing"] += time.process_time() - start - sum(tally.seconds.values())
+    tally.seconds = time.process_time() - start
     tally.add_peak_memory()
     return Shard(digest, batch.pairs), tally
 
@@ -171,8 +136,7 @@ def _samples(
     ranges = {name: sensor.FRICTION for name, sensor in own.by_name.items()}
     present, sensors, units, part = None, own, {}, batch.part
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
-        with tally.running("shape"):
-            shape = load_shape(recipe.parts[part], source, cache)
+        shape = load_shape(recipe.parts[part], source, cache)
         first, friction = 0, {}
         if recipe.motion:
             friction = sample_friction(recipe.motion, ranges, (recipe.seed, part), number)
@@ -180,11 +144,10 @@ def _samples(
             unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
             unit = 0 if recipe.light.kind == "fixed" else unit
             if unit != present:
-                sensors, units = _unit(part, unit, recipe, own, tally)
-                present = unit
+                present, (sensors, units) = unit, _unit(part, unit, recipe, own)
             attempts = path_attempts(recipe, part, name_of(source), number, path, first)
             laws = {name: Friction(value) for name, value in friction.items()}
-            press = partial(_touches, sensors, laws, tally)
+            press = partial(_touches, sensors, laws)
             touches, accepted = press_until_accepted(attempts, shape, press, tally.rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
@@ -192,10 +155,12 @@ def _samples(
 
 
 def press_until_accepted(
-    attempts: Iterable[Attempt], shape: Shape, press: Press, rejected: Counter[str]
-) -> tuple[list[Touch], int]:
+    attempts: Iterable[Attempt], shape: Shape, press: Callable[..., list[Touch]],
+    rejected: Counter[str],
+) -> tuple[list[Touch], int]:  # fmt: skip
     """The touches of the first accepted attempt at a path, and its number; counts rejected ones.
 
+    press: makes a press and the touches of its path; the last one is rejected, or none.
     A press on the grid may bottom out. Raises T2TwinError where no attempt is accepted.
     """
     planned = shape.name
@@ -238,25 +203,23 @@ def rejection_reason(touch: Touch) -> str | None:
 
 
 def _touches(
-    sensors: SensorPair, friction: dict[str, Friction], tally: Tally, shape: Shape,
+    sensors: SensorPair, friction: dict[str, Friction], shape: Shape,
     commands: Sequence[PressCommand], rng: np.random.Generator,
 ) -> list[Touch]:  # fmt: skip
     """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""
-    touch = sensors.press(shape, commands[0], rng, timed=tally.running)
+    touch = sensors.press(shape, commands[0], rng)
     touches = [touch]
     for command in commands[1:]:
         sensors.check_over_pads(touch, command)
     for command in commands[1:]:
         if rejection_reason(touch):
             return touches
-        with tally.running("motion"):
-            touch = slide_to(sensors, touch, command, friction)
+        touch = slide_to(sensors, touch, command, friction)
         touches.append(touch)
-    with tally.running("read source"):
-        read = touches[:1]
-        for each in touches[1:]:
-            read.append(sensors.with_readings(each, rng, before=read[-1]))
-        return read
+    read = touches[:1]
+    for each in touches[1:]:
+        read.append(sensors.with_readings(each, rng, before=read[-1]))
+    return read
 
 
 def _markers(rng: np.random.Generator, share: float) -> Markers | None:
@@ -270,7 +233,7 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
 
 
 def _unit(
-    part: int, number: int, recipe: Recipe, sensors: SensorPair, tally: Tally
+    part: int, number: int, recipe: Recipe, sensors: SensorPair
 ) -> tuple[SensorPair, dict[str, dict[str, Any]]]:
     """The sensors of a part's unit, with sampled light and markers, and its columns by role."""
     own: dict[str, Any] = {}
@@ -291,17 +254,15 @@ def _unit(
             rng = np.random.default_rng((recipe.seed, FIXED_STREAM, part, number))
             is_fixed = rng.random() < share
         if not is_fixed:
-            with tally.running("light"):
-                light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
-                draw = recipe.light.draw, recipe.light.artifacts or None
-                sensor = sensor.sampled(light, artifacts, *draw)
+            light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
+            draw = recipe.light.draw, recipe.light.artifacts or None
+            sensor = sensor.sampled(light, artifacts, *draw)
         if recipe.motion:
             markers = _markers(rngs[MARKER_STREAM], recipe.motion.markers)
             sensor = replace(sensor, markers=markers)
             columns[role][MARKERS] = sensor.markers is not None
         if recipe.background_frames:
-            with tally.running("encoding"):
-                png = encode_png(sensor.background_frame(rngs[FRAME_STREAM]))
+            png = encode_png(sensor.background_frame(rngs[FRAME_STREAM]))
             columns[role][BACKGROUND] = {"bytes": png, "path": f"background-{number}-{role}.png"}
         own[role] = sensor
     return replace(sensors, **own), columns

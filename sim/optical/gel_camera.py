@@ -34,7 +34,7 @@ from t2twin.sim.optical.image_renderer import (
     check_exposure,
     optics_of_leds,
 )
-from t2twin.sim.optical.markers import Markers, surface_shift
+from t2twin.sim.optical.markers import Markers, moved, surface_shift
 from t2twin.sim.optical.optics import SPECS, Optics, is_bundled
 from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
 from t2twin.sim.optical.spec import GelCameraSpec
@@ -205,31 +205,25 @@ class GelCamera:
         if path is None:
             return optics_of_leds(light.leds, light.ambient, light.gamma, camera, self.own_gel)
         optics = Optics.load(path)
-        if self.optics_file is None:
-            self._check_stated(optics)
+        stated = optics.stated.items() if self.optics_file is None else ()
+        for table, key, value in ((t, k, v) for t, own in stated for k, v in own.items()):
+            if (own := getattr(getattr(self.spec, table), key)) != value:
+                raise T2TwinError(
+                    f"{table}.{key} is {own:.6g}, but light.optics was fitted with "
+                    f"{value:.6g}; leave it out, or light.optics"
+                )
+        is_own_file = self.optics_file is None and not is_bundled(light.optics)
+        if is_own_file and (light.leds or any(light.ambient) or self.spec.units):
+            raise T2TwinError(
+                "light.leds, light.ambient and units have no effect beside the optics of one unit; "
+                "leave them out, or light.optics"
+            )
         if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
             raise T2TwinError(
                 f"{path} is of images with {optics.camera.rows} rows and {optics.camera.columns} "
                 f"columns; expected {camera.rows} and {camera.columns}, those of {self.name}"
             )
         return optics
-
-    def _check_stated(self, optics: Optics) -> None:
-        """Raises T2TwinError for values of the sensor's file that its optics replace."""
-        for table, values in optics.stated.items():
-            for key, value in values.items():
-                own = getattr(getattr(self.spec, table), key)
-                if own != value:
-                    raise T2TwinError(
-                        f"{table}.{key} is {own:.6g}, but light.optics was fitted with "
-                        f"{value:.6g}; leave it out, or light.optics"
-                    )
-        light = self.spec.light
-        if not is_bundled(light.optics) and (light.leds or any(light.ambient) or self.spec.units):
-            raise T2TwinError(
-                "light.leds, light.ambient and units have no effect beside the optics of one unit; "
-                "leave them out, or light.optics"
-            )
 
     @cached_property
     def image_renderer(self) -> ImageRenderer:
@@ -355,7 +349,7 @@ class ImageReading(Result):
         if self.sensor.markers is None:
             raise T2TwinError("the touch has no markers; give the twin or the sensor markers=True")
         shift = None if self.contact is None else surface_shift(self.contact)
-        return self.sensor.markers.moved_mm(shift)
+        return moved(self.sensor.markers.rest_mm, shift)
 
     @property
     def setup(self) -> dict[str, Any]:

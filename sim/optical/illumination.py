@@ -513,7 +513,9 @@ def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, lines, s
                 cut = (least - (led[2] - z) * per_mm) * far / size
                 if cut >= _ONE:
                     continue
-                seen[i, j] = _fraction_above_chord(cut)
+                # the part of a disc above a chord: an odd cubic, to 0.01
+                share = 0.5 + cut * (0.6366 - 0.1366 * cut * cut)
+                seen[i, j] = share if cut > -_ONE else 0.0
                 top, bottom = min(top, i), max(bottom, i + 1)
                 left, right = min(left, j), max(right, j + 1)
         if bottom > top:
@@ -583,14 +585,6 @@ def at_cell(grid, row, column):
     j = min(max(int(column), 0), grid.shape[1] - 2)
     down, across = row - np.float32(i), column - np.float32(j)
     return bilinear(grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], down, across)
-
-
-@inlined
-def _fraction_above_chord(cut):
-    """Fraction of a disc above a chord at cut < 1 radii from its middle: an odd cubic, to 0.01."""
-    if cut <= -_ONE:
-        return 0.0
-    return 0.5 + cut * (0.6366 - 0.1366 * cut * cut)
 
 
 @jit_finite

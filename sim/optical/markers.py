@@ -100,10 +100,6 @@ class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
         rng = np.random.default_rng(self.seed)
         return centers + rng.uniform(-self.jitter_mm, self.jitter_mm, centers.shape)
 
-    def moved_mm(self, shift: SurfaceShift | None) -> np.ndarray:
-        """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
-        return moved(self.rest_mm, shift)
-
     def shade(
         self, camera: Camera, gel: Elastomer, rest_mm: np.ndarray, gamma: float, coated_mm:
         np.ndarray, shift: SurfaceShift | None,

@@ -46,10 +46,6 @@ ALBEDO = 0.96  # light that pyrender's rough dielectric scatters diffusely (its 
 PLATFORM = "PYOPENGL_PLATFORM"  # of PyOpenGL; MuJoCo sets it to the value of MUJOCO_GL
 
 
-Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
-"""LEDs, undirected light, camera and gel."""
-
-
 @cache
 def _import_pyrender() -> Any:
     """pyrender, on the platform of PLATFORM or EGL."""
@@ -214,7 +210,7 @@ class PyrenderRenderer(ImageRenderer):
         self, leds: tuple[Led, ...], ambient: tuple[float, float, float], *baked: Any
     ) -> None:
         super().__init__(*baked)
-        self._scene: Scene = leds, ambient, self.optics.camera, self._gel
+        self._scene = leds, ambient, self.optics.camera, self._gel
 
     def _image(
         self, surface_mm: np.ndarray, coated_mm: np.ndarray, background: np.ndarray, shade:
@@ -240,13 +236,13 @@ def _thread(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
 
 
-_last: dict[int, tuple[Scene, ReferenceRenderer, np.ndarray]] = {}
+_last: dict[int, tuple[tuple, ReferenceRenderer, np.ndarray]] = {}
 """Of each process, which differ after forks: its last renderer, and the light of the gel at rest.
 """
 
 
-def _change(scene: Scene, surface_mm: np.ndarray) -> np.ndarray:
-    """(rows, columns, RGB) change of the light by a deflection."""
+def _change(scene: tuple, surface_mm: np.ndarray) -> np.ndarray:
+    """(rows, columns, RGB) change of the light by a deflection; scene: of ReferenceRenderer."""
     process = os.getpid()
     if process in _last and _last[process][0] != scene:
         _last.pop(process)[1].close()

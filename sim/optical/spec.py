@@ -6,7 +6,7 @@ origin at the apex of the gel at rest.
 
 from functools import cache
 from itertools import product
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Literal, get_type_hints
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ KIND = "gel-camera"
 NO_OPTICS = "none"  # as light.optics: the LEDs alone light the gel
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))  # of Vogel's spiral (Vogel 1979)
+_type_hints = cache(get_type_hints)
 
 Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
 Coordinate = Annotated[float, Meta(ge=-200.0, le=200.0)]  # assumed
@@ -134,7 +135,7 @@ class Ranges(Struct, frozen=True, forbid_unknown_fields=True):
     reversed or out of bounds."""
 
     def __post_init__(self) -> None:
-        for name, kind in _kinds(type(self)).items():
+        for name, kind in _type_hints(type(self), include_extras=True).items():
             value = getattr(self, name)
             try:
                 msgspec.convert(value, kind)
@@ -143,11 +144,6 @@ class Ranges(Struct, frozen=True, forbid_unknown_fields=True):
             if isinstance(value, tuple) and value[0] > value[1]:
                 low, high = value
                 raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
-
-
-@cache
-def _kinds(ranges: type[Ranges]) -> dict[str, Any]:
-    return get_type_hints(ranges, include_extras=True)
 
 
 class UnitsTable(Ranges, frozen=True, omit_defaults=True):

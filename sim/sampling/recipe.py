@@ -15,6 +15,7 @@ from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.artifacts import Artifacts
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
+from t2twin.sim.optical.spec import Ranges
 from t2twin.sim.optical.units import UnitRanges
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
@@ -187,7 +188,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
 
-class Motion(Struct, frozen=True, forbid_unknown_fields=True):
+class Motion(Ranges, frozen=True):
     """Distribution of the paths of sampled presses; presses on the grid stay still.
 
     still, slide, twist: shares of the paths. Ranges are log-uniform, steps uniform. steps: touches
@@ -212,22 +213,7 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
                 f"still, slide and twist of motion are {self.still:g}, {self.slide:g} and "
                 f"{self.twist:g}; expected shares whose sum is 1"
             )
-        for name in self.__struct_fields__[3:-1]:
-            low, high = getattr(self, name)
-            if low > high:
-                raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")
-
-    def check_part(self, part: Part) -> None:
-        """Raises T2TwinError for a part whose presses or forces its paths would exceed."""
-        if part.presses is not None and part.presses <= self.steps[1]:
-            needed = f"motion needs {self.steps[1] + 1} presses or more, by its steps"
-            raise T2TwinError(f"{needed}; a part has {part.presses}")
-        ends_n = [n * change for n, change in zip(part.range_n, self.force_change, strict=True)]
-        if ends_n[0] < FORCE_RANGE_N[0] or ends_n[1] > FORCE_RANGE_N[1]:
-            raise T2TwinError(
-                f"force_n times force_change of motion is {ends_n[0]:g} to {ends_n[1]:g}; expected "
-                f"{FORCE_RANGE_N[0]:g} to {FORCE_RANGE_N[1]:g}"
-            )
+        super().__post_init__()
 
 
 EFFECTS = (
@@ -333,9 +319,18 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
         if self.motion and len(own) == len(self.parts):
             raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
-        for part in self.parts:
-            if self.motion and self.motion.still < 1.0 and part.presses:
-                self.motion.check_part(part)
+        moves = self.motion and self.motion.still < 1.0
+        for part in (each for each in self.parts if moves and each.presses):
+            assert self.motion and part.presses
+            if part.presses <= (most := self.motion.steps[1]):
+                needed = f"motion needs {most + 1} presses or more, by its steps"
+                raise T2TwinError(f"{needed}; a part has {part.presses}")
+            ends = [n * f for n, f in zip(part.range_n, self.motion.force_change, strict=True)]
+            if ends[0] < FORCE_RANGE_N[0] or ends[1] > FORCE_RANGE_N[1]:
+                raise T2TwinError(
+                    f"force_n times force_change of motion is {ends[0]:g} to {ends[1]:g}; expected "
+                    f"{FORCE_RANGE_N[0]:g} to {FORCE_RANGE_N[1]:g}"
+                )
         if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
             raise T2TwinError(
                 f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "

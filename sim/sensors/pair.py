@@ -24,7 +24,7 @@ from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.sim.touch import Reading, Touch
 
-# Context manager around each stage of a press, named as in t2twin.sim.dataset.shard.STAGES
+# Context manager around each stage of a press: press source, read source and so on
 StageTimer = Callable[[str], AbstractContextManager[Any]]
 
 

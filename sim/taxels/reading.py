@@ -33,7 +33,6 @@ def read_after(
     n, readings = layout.size, readings or counts.readings
     if seconds is None:  # only a memory depends on it
         seconds = counts.readings / (counts.rate_hz or 1.0)
-    gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
     mixed = true_counts
     if flaws.crosstalk:
         apart = layout.distances_mm(layout) + np.diag(np.full(n, np.inf))
@@ -43,10 +42,10 @@ def read_after(
         same = [np.abs(v[:, None] - v) < SAME_LINE_MM for v in (layout.x_mm, layout.y_mm)]
         lines = ((same[0] | same[1]) & ~np.eye(n, dtype=bool)).astype(float)
         mixed = mixed + flaws.line_crosstalk * (lines @ true_counts)
+    noise, offset, load_noise, factors, gains = _taxels(flaws, n, array_seed)
     signal = gains * mixed
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
-    noise, offset, load_noise, factors = _taxels(flaws, n, array_seed)
     levels, memory = _remember(signal, memory, factors, flaws, seconds / readings, readings)
     wandered = rng.random(n) < flaws.drift_share
     signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + offset
@@ -63,7 +62,7 @@ def expected_reading(
     noise and clipping to 0 alone. true_counts: (..., N) noiseless."""
     from scipy.special import ndtr  # slow to import
 
-    noise, offset, load_noise, _ = _taxels(flaws, true_counts.shape[-1], array_seed)
+    noise, offset, load_noise, *_ = _taxels(flaws, true_counts.shape[-1], array_seed)
     deviation = _deviation(flaws, noise, load_noise, true_counts)
     level = true_counts + offset
     far = np.full_like(level, FAR_FROM_ZERO)
@@ -86,8 +85,8 @@ def _deviation(
 
 @lru_cache(maxsize=64)
 def _taxels(flaws: Imperfections, n: int, array_seed: int) -> tuple[np.ndarray, ...]:
-    """Noise, offset and load noise of an array's taxels, counts, and factors of memory_shares, (n,)
-    each; their evenly spread ranks give each array the whole distribution."""
+    """Noise, offset and load noise of an array's taxels, counts, factors of memory_shares, and
+    gains, (n,) each; the evenly spread ranks give each array the whole distribution."""
     from scipy.special import ndtri  # slow to import
 
     rng = np.random.default_rng((array_seed, ARRAY_STREAM))
@@ -105,6 +104,7 @@ def _taxels(flaws: Imperfections, n: int, array_seed: int) -> tuple[np.ndarray, 
         percentiles(flaws.offset_counts, at_rest) + ratios * noise,
         is_alive * flaws.load_noise_counts * np.exp(flaws.load_noise_spread * ndtri(loaded)),
         np.exp(flaws.memory_spread * ndtri(memory)),
+        1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n),
     )
 
 
