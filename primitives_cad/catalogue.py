@@ -82,7 +82,7 @@ def split(name: str) -> str:
     if name in OBJECTS:
         return "test"
     if name not in PRIMITIVES:
-        raise T2TwinError(_unknown(name))
+        raise T2TwinError(f"there is no primitive or tool {name!r}; {_near(name)}")
     return "val" if version(name) == VALIDATION_VERSION else "train"
 
 
@@ -111,7 +111,8 @@ def load(
         return random_shape(seed)
     path = Path(name_or_path)
     if path.suffix.lower() not in SUFFIXES and not path.is_file():
-        raise T2TwinError(_unknown(name))
+        others = f"random-17 and a path to a file of {', '.join(SUFFIXES)} are also allowed"
+        raise T2TwinError(f"there is no shape {name!r}; {_near(name)}; {others}")
     return _kept(cache_folder(kept), path, scale, center)
 
 
@@ -124,7 +125,10 @@ def check_not_of_file(shape: str, scale: float | None, center: bool) -> None:
 def cache_folder(folder: str | Path | None) -> Path | None:
     """The folder for prepared shapes of files, as for `load`; None where none is writable."""
     if folder is not None:
-        return arguments.path(folder, "cache_dir")
+        path = arguments.path(folder, "cache_dir")
+        if path.is_file():
+            raise T2TwinError(f"cache_dir is {path}, a file; expected a folder for prepared shapes")
+        return path
     default = cache_dir()
     return None if default is None else default / "shapes"
 
@@ -136,14 +140,11 @@ def tool_mesh(tool: str) -> "trimesh.Trimesh":
     return trimesh.Trimesh(*read_mesh(tool), process=False)
 
 
-def _unknown(name: str) -> str:
-    """The message for an unknown name."""
-    near = difflib.get_close_matches(name.lower(), NAMES, n=4, cutoff=0.5)
-    hint = "names are like square-2, pliers/jaw-tip or random-17; see `t2twin shapes`"
-    if near:
-        hint = f"near names are {', '.join(near)}"
-    files = ", ".join(SUFFIXES)
-    return f"there is no shape {name!r}; {hint}; a path to a file of {files} is also allowed"
+def _near(name: str) -> str:
+    """A clause with names like an unknown one."""
+    if near := difflib.get_close_matches(name.lower(), NAMES, n=4, cutoff=0.5):
+        return f"near names are {', '.join(near)}"
+    return "names are like square-2 or pliers/jaw-tip; see `t2twin shapes`"
 
 
 def family(name: str) -> str:

@@ -31,7 +31,7 @@ COLORS = ((0.9, 0.1, 0.1), (0.1, 0.8, 0.2), (0.2, 0.2, 0.9), (0.5, 0.5, 0.5))
 def sensor_of(turn_deg=0.0, colors=COLORS):
     """A flat gel of 24 x 18 mm in images of odd size, lit from four sides, one of them white."""
     own = SensorPair().camera.spec
-    flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
+    flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf, "dome_flat_mm": 0.0}
     gel = structs.replace(own.gel, width_mm=24.0, length_mm=18.0, **flat)
     camera = structs.replace(own.camera, rows=95, columns=133, scale_px_per_mm=6.0, noise_grey=1.5)
     plain = structs.replace(own.light.leds[0], aim_mm=(0.0, 0.0, 0.0), beam_deg=(60.0, 85.0))

@@ -346,7 +346,8 @@ def test_a_closed_renderer_leaves_others_usable(ball, ball_picture):
 
 
 def test_the_baked_model_takes_a_gel_without_a_dome():
-    flat_gel = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+    flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf, "dome_flat_mm": 0.0}
+    flat_gel = replace(GEL, **flat)
     own = ImageRenderer(DIGIT.optics, GEL, 0.0, flat_gel)
     domed = DIGIT.image_renderer
     pressed = ball_surface(GEL, 0.5, -0.5, 0.8)

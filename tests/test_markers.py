@@ -24,7 +24,7 @@ GEL, CAMERA = DIGIT.own_gel, DIGIT.camera
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 X_MM, Y_MM = optical_grid(GEL)
 FLAT = np.zeros((Y_MM.size, X_MM.size), dtype=np.float32)
-FLAT_GEL = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+FLAT_GEL = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf, dome_flat_mm=0.0)
 GAMMA = 2.2
 HALF = 10  # half the side of a window around a marker, px
 MARKERS = Markers().printed(CAMERA)

@@ -24,7 +24,7 @@ from t2twin.sim.sampling import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
 
-FLAT_TOP = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
+FLAT_TOP = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf, "dome_flat_mm": 0.0}
 
 
 def pressed(shape, elastomer=FLAT, pitch=0.5, force=8.0, x=0.0, y=0.0, yaw=0.0):

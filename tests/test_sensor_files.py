@@ -218,16 +218,16 @@ DIM = content_of("digit")["light"]["leds"][0] | {"color": [1e-7, 1e-7, 1e-7]}
         ("digit", ("kind",), 3, "kind is 3"),
         ("digit", ("camera", "scale_px_per_mm"), 9.0, "the camera sees 26.7 mm of the gel's width"),
         ("flexitac", ("cover", "grid_mm"), 0.1, "which gives the layer 660 x 260 cells"),
-        ("gelsight-mini", ("gel", "thickness_mm"), 24.0, "is 23.3 mm from the apex, inside"),
-        ("gelsight-mini", ("gel", "dome_width_radius_mm"), 12.0, "expected at least 21.92"),
-        ("gelsight-mini", ("gel", "dome_length_radius_mm"), 12.0, "expected at least 15.46"),
+        ("gelsight-mini", ("gel", "thickness_mm"), 24.0, "is 24 mm from the apex, inside"),
+        ("gelsight-mini", ("gel", "dome_width_radius_mm"), 13.0, "leaves less than 0.5 mm of"),
+        ("gelsight-mini", ("gel", "dome_length_radius_mm"), 12.0, "0.422 mm along x and 5.97"),
         ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
         ("digit", ("light", "leds", 1, "beam_deg"), [9.0, 9.0], "beam_deg is [9, 9]"),
         ("digit", ("light", "leds", 0), ON_ITSELF, "aim_mm is the LED's own place"),
         ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),
         ("digit", ("light", "optics"), "none.npz", "none.npz does not exist"),
         ("digit", ("camera", "columns"), 300, "camera.columns is not that of digit"),
-        ("digit", ("gel", "dome_flat_mm"), 3.0, "gel.dome_flat_mm is not that of digit"),
+        ("digit", ("gel", "dome_flat_mm"), 4.0, "gel.dome_flat_mm is not that of digit"),
         ("cyskin-20", ("counts", "rate_hz"), None, "recorded has a memory, which needs"),
         ("gelsight-mini", ("markers", "diameter_mm"), 3.0, "diameter_mm"),
         ("gelsight-mini", ("light", "ambient"), [9.0, 0.0, 0.0], "100 % of the background frame"),
@@ -244,7 +244,7 @@ DIM = content_of("digit")["light"]["leds"][0] | {"color": [1e-7, 1e-7, 1e-7]}
         ("flexitac", ("imperfections", "white", "drift_share"), 0.1, "drift_counts is missing"),
         ("cyskin-20", ("imperfections", "recorded", "load_noise_counts"), 0.0, "load_noise_spread"),
         ("flexitac", ("imperfections", "white", "memory_rise_s"), 0.1, "since memory_s is missing"),
-        ("flexitac", ("cover", "dome_flat_mm"), 3.0, "dome_flat_mm has no effect, since dome_"),
+        ("flexitac", ("cover", "dome_flat_mm"), 3.0, "dome_flat_mm is 3 and dome_length_"),
         ("gelsight-mini", ("gel", "dome_flat_mm"), 10.4, "less than half of length_mm, 10.375"),
         ("flexitac", ("imperfections", "empty"), {}, "imperfections.empty has no effect"),
         ("gelsight-mini", ("markers", "seed"), 3, "no effect without jitter_mm"),
@@ -343,6 +343,26 @@ def test_optics_are_of_the_values_that_a_file_states(text, sentence, tmp_path):
     mine = gel_camera(path)
     assert mine.optics.camera == mine.camera and mine.elastomer == mine.own_gel
     assert (mine.camera.columns == 200) == (mine.optics.young_mpa is None)
+
+
+def test_a_given_gel_is_pressed_as_it_is(tmp_path):
+    """Also where its modulus is the file's and the optics have another one."""
+    camera = gel_camera()
+    replace(camera.optics, young_mpa=0.2).save(tmp_path / "unit.npz")
+    fitted = camera.with_options({"optics": tmp_path / "unit.npz"})
+    assert fitted.elastomer == replace(camera.own_gel, young_mpa=0.2)
+    assert fitted.with_options({"gel": camera.own_gel}).elastomer == camera.own_gel
+    with pytest.warns(T2TwinWarning, match="the optics are of another dome"):
+        fitted.with_options({"gel": replace(camera.own_gel, dome_flat_mm=5.0)})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"thickness_mm": 1.0}, {"dome_width_radius_mm": 5.0}, {"dome_length_radius_mm": np.inf}],
+)
+def test_a_dome_stays_above_the_base_and_has_an_effect(changes):
+    with pytest.raises(T2TwinError, match=r"leaves less than 0.5 mm|one of which has no effect"):
+        replace(gel_camera().own_gel, **changes)
 
 
 def test_a_rate_without_a_memory_is_not_used():

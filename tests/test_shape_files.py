@@ -38,7 +38,7 @@ def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
     with pytest.raises(T2TwinError) as caught:
         catalogue.load(wrong, tmp_path)
     assert near in str(caught.value)
-    assert ".step, .stp is also allowed" in str(caught.value)
+    assert ".step, .stp are also allowed" in str(caught.value)
     with pytest.raises(T2TwinError):
         catalogue.split(wrong)
 

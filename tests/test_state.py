@@ -99,7 +99,7 @@ def test_a_process_pool_returns_touches():
 @pytest.mark.parametrize(
     ("options", "name"),
     [
-        ({"gel": t2twin.Elastomer("soft", 5.0, 0.02, 0.3, 18, 24)}, "digit"),
+        ({"gel": t2twin.Elastomer("soft", 5, 0.02, 0.3, 18, 24, 21.0, 30.0, 3.5)}, "digit"),
         ({"source": "gelsight-mini", "target": "flexitac"}, "digit"),
         ({"target": "digit"}, "cyskin-20"),
     ],

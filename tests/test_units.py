@@ -57,6 +57,11 @@ def shipped():
     return DIGIT.optics
 
 
+def test_units_of_a_recipe_see_the_gel_only():
+    with pytest.raises(T2TwinError, match=r"a unit's camera sees 48.0 mm of the gel's width"):
+        unit(0, structs.replace(DRAW, scale_px_per_mm=(5.0, 6.0)))
+
+
 def test_the_same_seed_gives_the_same_unit_in_any_thread(units):
     with ThreadPoolExecutor(4) as pool:
         again = list(pool.map(unit, range(8)))

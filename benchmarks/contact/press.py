@@ -125,6 +125,7 @@ SENSORS = {
             width_mm=FLAT_WIDTH_MM,
             dome_width_radius_mm=np.inf,
             dome_length_radius_mm=np.inf,
+            dome_flat_mm=0.0,
         ),
         PAIR.camera.pitch_mm,
     ),

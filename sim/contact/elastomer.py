@@ -13,7 +13,7 @@ from t2twin.core.records import convert
 
 Law = Literal["linear", "stiffening"]
 
-# Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded).
+# Least thickness of a domed layer, at its corners, mm (assumed; the CAD's corners are rounded).
 THINNEST_MM = 0.5
 
 # Properties of a layer with their limits (assumed: beyond any sensor's).
@@ -22,6 +22,7 @@ Thickness = Annotated[float, Meta(ge=0.1, le=200.0, description="thickness at th
 Young = Annotated[float, Meta(ge=0.001, le=100.0, description="Young's modulus at small strain")]
 Poisson = Annotated[float, Meta(ge=0.0, le=0.499, description="Poisson's ratio")]
 Radius = Annotated[float, Meta(ge=1.0)]
+DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
 SensorName = Annotated[
     str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
 ]
@@ -75,15 +76,20 @@ class Elastomer:
             value, (limits,) = getattr(self, each.name), get_args(each.type)[1:]
             if limits.le is not None or not isinstance(value, float) or value != np.inf:
                 arguments.number(value, each.name, limits.ge, limits.le or np.inf)
-        if not self.is_flat and self.thickness_mm < THINNEST_MM:
+        reach_mm = np.array([self.width_mm / 2, self.length_mm / 2 - self.dome_flat_mm])
+        radii_mm = np.array([self.dome_width_radius_mm, self.dome_length_radius_mm])
+        if self.dome_flat_mm and (reach_mm[1] <= 0.0 or not np.isfinite(radii_mm[1])):
             raise T2TwinError(
-                f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
-                f"{THINNEST_MM:g} mm thick, a flat one 0.1 mm"
+                f"dome_flat_mm is {self.dome_flat_mm:g} and dome_length_radius_mm {radii_mm[1]:g}, "
+                "one of which has no effect; expected a finite radius beside a flat part of less "
+                f"than half of length_mm, {self.length_mm / 2:g}"
             )
-        if self.dome_flat_mm >= self.length_mm / 2 and np.isfinite(self.dome_length_radius_mm):
+        falls_mm = [float(_sag(*each)) for each in zip(reach_mm, radii_mm, strict=True)]
+        if (reach_mm > radii_mm).any() or sum(falls_mm) > max(self.thickness_mm - THINNEST_MM, 0.0):
             raise T2TwinError(
-                f"dome_flat_mm is {self.dome_flat_mm:g}, so that dome_length_radius_mm has no "
-                f"effect; expected less than half of length_mm, {self.length_mm / 2:g}"
+                f"the dome of {self.name} falls by {falls_mm[0]:.3g} mm along x and "
+                f"{falls_mm[1]:.3g} along y, which leaves less than {THINNEST_MM:g} mm of its "
+                f"{self.thickness_mm:g} mm; expected larger radii or a larger thickness_mm"
             )
         arguments.choice(self.law, "law", get_args(Law))
 
@@ -115,7 +121,7 @@ class Elastomer:
         sag = _sag(np.abs(x_mm), self.dome_width_radius_mm) + _sag(
             beyond, self.dome_length_radius_mm
         )
-        return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))
+        return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))  # beyond the corners
 
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Local thickness, mm, at points of equal shape."""
@@ -165,18 +171,6 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 
     def __post_init__(self) -> None:
         self.elastomer("the layer").cells(self.grid_mm)
-        reach_y_mm = self.length_mm / 2 - self.dome_flat_mm
-        for name, reach_mm in (
-            ("dome_width_radius_mm", self.width_mm / 2), ("dome_length_radius_mm", reach_y_mm),
-        ):  # fmt: skip
-            # the circle through the apex, and through the base at the edge or its own end
-            height_mm = min(self.thickness_mm, reach_mm)
-            least_mm = height_mm and (reach_mm**2 + height_mm**2) / (2 * height_mm)
-            if getattr(self, name) < least_mm:
-                raise T2TwinError(
-                    f"{name} is {getattr(self, name):g}, with which the surface falls below the "
-                    f"base within {reach_mm:g} mm; expected at least {least_mm:.4g}"
-                )
 
     @property
     def law_of_friction(self) -> Friction:

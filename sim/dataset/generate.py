@@ -103,10 +103,12 @@ def make_dataset(
     for name in arguments.texts(shapes, "shapes"):
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
+    only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)
+    if only is not None and not any({*batch.shapes} & {*only} for batch in batches):
+        raise T2TwinError("the recipe presses none of `shapes`; name others, or leave them out")
     check_held_out(recipe, cache)
     kept = catalogue.cache_folder(cache)
     make = partial(make_shard, recipe, sensors, folder, kept and kept.absolute())
-    only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)
     info = build_info(recipe, sensors, scale, batches, only)
     with locked(folder):
         return _make_dataset(folder, make, batches, info, workers or cores(), scheduler)

@@ -23,7 +23,7 @@ from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import sha256_of
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
+from t2twin.sim.contact.elastomer import DOME, Elastomer, Friction, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.camera import PARALLAX_STEPS, Camera, optical_grid
@@ -124,9 +124,12 @@ class GelCamera:
                 structs.replace(self.spec, gel=self.gel)  # the checks of a file
             except T2TwinError as error:
                 warn(f"{error}; only the contact is right, not the image")
+            domes = {tuple(getattr(gel, key) for key in DOME) for gel in (self.gel, self.own_gel)}
+            if self.optics_path and len(domes) > 1:
+                warn("the optics are of another dome; the image is less exact toward its edges")
         if self.markers is not None:
-            printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
-            object.__setattr__(self, "markers", printed)
+            printed = arguments.instance(self.markers, "markers, if not True or False,", Markers)
+            object.__setattr__(self, "markers", printed.printed(self.camera))
         self.elastomer.cells(self.pitch_mm)
         _ = self.image_renderer  # faults of the optics are those of the sensor
         if self.unit is None:
@@ -240,10 +243,9 @@ class GelCamera:
 
     @cached_property
     def elastomer(self) -> Elastomer:
-        """The gel that is pressed."""
-        gel, own, young_mpa = self.gel or self.own_gel, self.own_gel, self.optics.young_mpa
-        is_own = young_mpa is not None and (gel.young_mpa, gel.law) == (own.young_mpa, own.law)
-        return replace(gel, young_mpa=young_mpa) if is_own else gel
+        """The gel that is pressed: a given one, else the file's with the optics' modulus."""
+        own = self.own_gel
+        return self.gel or replace(own, young_mpa=self.optics.young_mpa or own.young_mpa)
 
     def with_options(self, options: dict[str, Any]) -> "GelCamera":
         """The same sensor with some of OPTIONS, by name; None keeps the present value. optics: a

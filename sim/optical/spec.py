@@ -5,8 +5,7 @@ origin at the apex of the gel at rest.
 """
 
 from functools import cache
-from itertools import product
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 import numpy as np
@@ -173,27 +172,41 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
 
     def __post_init__(self) -> None:
-        camera, gel = self.camera, self.gel
-        nearest_mm = self.units.distance_mm[0] if self.units else camera.distance_mm
-        if min(camera.distance_mm, nearest_mm) <= gel.thickness_mm:
-            raise T2TwinError(
-                f"the camera is {min(camera.distance_mm, nearest_mm):g} mm from the apex, inside "
-                f"the gel of {gel.thickness_mm:g} mm; expected a larger distance_mm"
-            )
-        scales = {"the camera": camera.scale_px_per_mm}
+        camera = self.camera
+        self._check_view("the camera", camera.scale_px_per_mm, camera.distance_mm)
         if self.units is not None:
-            scales["a unit's camera"] = self.units.scale_px_per_mm[0]
-        sides = (camera.columns, gel.width_mm, "width"), (camera.rows, gel.length_mm, "length")
-        for (which, scale), (pixels, side, axis) in product(scales.items(), sides):
-            if pixels / scale > side:
-                raise T2TwinError(
-                    f"{which} sees {pixels / scale:.1f} mm of the gel's {axis}, which is {side:g} "
-                    "mm; expected a larger scale_px_per_mm, a smaller image or a larger gel"
-                )
+            self.ranges(self.units)
         for name in ("scale_px_per_mm", "distance_mm") if self.units else ():
             (low, high), own = getattr(self.units, name), getattr(camera, name)
             if not low <= own <= high:
                 raise T2TwinError(
                     f"units.{name} is [{low:g}, {high:g}]; expected a range that contains "
                     f"camera.{name}, {own:g}"
+                )
+
+    def ranges(self, own: Any) -> Any:
+        """Ranges of units, those of the table [units] for each None.
+
+        Raises T2TwinError where a unit's camera would be inside the gel, or see beyond it.
+        """
+        of_file = structs.asdict(self.units) if self.units is not None else {}
+        missing = {name: value for name, value in of_file.items() if getattr(own, name) is None}
+        found = structs.replace(own, **missing)
+        self._check_view("a unit's camera", found.scale_px_per_mm[0], found.distance_mm[0])
+        return found
+
+    def _check_view(self, which: str, scale_px_per_mm: float, distance_mm: float) -> None:
+        """Raises T2TwinError for a camera that is inside the gel, or sees beyond it."""
+        camera, gel = self.camera, self.gel
+        if distance_mm <= gel.thickness_mm:
+            raise T2TwinError(
+                f"{which} is {distance_mm:g} mm from the apex, inside the gel of "
+                f"{gel.thickness_mm:g} mm; expected a larger distance_mm"
+            )
+        sides = (camera.columns, gel.width_mm, "width"), (camera.rows, gel.length_mm, "length")
+        for pixels, side_mm, axis in sides:
+            if (seen_mm := pixels / scale_px_per_mm) > side_mm:
+                raise T2TwinError(
+                    f"{which} sees {seen_mm:.1f} mm of the gel's {axis}, which is {side_mm:g} mm; "
+                    "expected a larger scale_px_per_mm, a smaller image or a larger gel"
                 )

@@ -292,11 +292,7 @@ def sample_unit(
             f"the file of {spec.name} has no {'table [units]' if leds else 'LEDs'}, from which "
             "units are sampled; add them, or give an optics file"
         )
-    own = structs.asdict(spec.units)
-    ranges = structs.replace(
-        ranges, **{name: value for name, value in own.items() if getattr(ranges, name) is None}
-    )
-    assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
+    ranges = spec.ranges(ranges)
     scale, distance_mm = rng.uniform(*ranges.scale_px_per_mm), rng.uniform(*ranges.distance_mm)
     shift, tilt = rng.uniform(*ranges.shift_px, 2), rng.uniform(*ranges.tilt_deg, 2)
     size = spec.camera.rows, spec.camera.columns

@@ -14,6 +14,7 @@ from typing import Any
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.records import convert, nearest, read_toml
+from t2twin.sim.contact.elastomer import DOME
 from t2twin.sim.optical.camera import LIMITS, Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.optics import SPECS, Optics, is_bundled
@@ -32,7 +33,6 @@ KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
     TAXEL_ARRAY: (TaxelArraySpec, TaxelArray),
 }
 """The record and the simulated sensor of each kind."""
-DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
 FITTED = {"camera": Camera.__struct_fields__, "light": ("leds", "ambient", "gamma"), "gel": DOME}
 """Values with which the optics of a bundled sensor's LEDs are fitted."""
 RESERVED = ("press", "tactile_image", "tactile_picture", *ROLES, "both", "none")

@@ -110,7 +110,7 @@ def check_layout(layout: Layout) -> None:
         one, other = np.unravel_index(free_mm.argmin(), free_mm.shape)
         warn(
             f"the pads of taxels {one} and {other} of layout {layout.name} overlap; each count is "
-            "computed as if the other pad were not there; pad_diameter_mm is probably too large"
+            "computed as if the other pad were not there; the pads are probably too large"
         )
 
 

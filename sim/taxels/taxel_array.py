@@ -68,7 +68,7 @@ class TaxelArray:
         presets, name = self.spec.imperfections, self.imperfections
         if name is None:
             name = reading.WHITE if reading.WHITE in presets else reading.NONE
-        arguments.choice(name, "imperfections", [reading.NONE, *presets])
+        arguments.choice(name, f"imperfections of {self.name}", [reading.NONE, *presets])
         flaws = presets.get(name, Imperfections())
         flaws = structs.replace(flaws, dead=tuple(dict.fromkeys((*flaws.dead, *self.dead))))
         flaws.check_dead(layout.size)
