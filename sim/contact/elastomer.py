@@ -118,9 +118,8 @@ class Elastomer:
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Height of the undeformed surface above its apex, mm (<= 0), at points of equal shape."""
         beyond = np.maximum(np.abs(y_mm) - self.dome_flat_mm, 0.0)
-        sag = _sag(np.abs(x_mm), self.dome_width_radius_mm) + _sag(
-            beyond, self.dome_length_radius_mm
-        )
+        sag = _sag(np.abs(x_mm), self.dome_width_radius_mm)
+        sag = sag + _sag(beyond, self.dome_length_radius_mm)
         return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))  # beyond the corners
 
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:

@@ -185,10 +185,7 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
                 )
 
     def ranges(self, own: Any) -> Any:
-        """Ranges of units, those of the table [units] for each None.
-
-        Raises T2TwinError where a unit's camera would be inside the gel, or see beyond it.
-        """
+        """Ranges of units, those of [units] for each None. Raises as _check_view."""
         of_file = structs.asdict(self.units) if self.units is not None else {}
         missing = {name: value for name, value in of_file.items() if getattr(own, name) is None}
         found = structs.replace(own, **missing)
@@ -199,10 +196,8 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         """Raises T2TwinError for a camera that is inside the gel, or sees beyond it."""
         camera, gel = self.camera, self.gel
         if distance_mm <= gel.thickness_mm:
-            raise T2TwinError(
-                f"{which} is {distance_mm:g} mm from the apex, inside the gel of "
-                f"{gel.thickness_mm:g} mm; expected a larger distance_mm"
-            )
+            found = f"{which} is {distance_mm:g} mm from the apex, inside the gel"
+            raise T2TwinError(f"{found}; expected distance_mm above {gel.thickness_mm:g}")
         sides = (camera.columns, gel.width_mm, "width"), (camera.rows, gel.length_mm, "length")
         for pixels, side_mm, axis in sides:
             if (seen_mm := pixels / scale_px_per_mm) > side_mm:
