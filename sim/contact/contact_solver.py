@@ -236,6 +236,8 @@ class Equilibrium:
         self.pressure_mpa = pins.gather(pressures, max(now // before, 1), now * first + moves)
         self.depths_mm = near.depths_mm
         self.active = pins.with_neighbors(self.pressure_mpa > 0)
+        if not self._with_mujoco:  # most contacts grow in a round of a step
+            self.active = pins.with_neighbors(self.active)
         if not all(self.active[part].any() for part in pins.parts):
             return False
         self.compliance = pins.springs(self.active)

@@ -215,10 +215,8 @@ def _step(
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    motion = Motion(
-        start.friction, traction, slip_mm, window, parts, travel,
-        unfolded(sheared, pitch) - predicted,
-    )  # fmt: skip
+    error = None if travel is None else unfolded(sheared, pitch) - predicted
+    motion = Motion(start.friction, traction, slip_mm, window, parts, travel, error)
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 

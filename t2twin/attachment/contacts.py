@@ -228,9 +228,9 @@ class Body:
 
     number: int  # its id, or that of the first of bodies that are welded together
     name: str
-    # Force and torque with which it presses, about the sensor's origin, N and N mm.
+    # Force with which it presses, N, and torque about the sensor's axis, N mm.
     force_n: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    torque_nmm: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    torque_nmm: float = 0.0
     # Means over the contacts, weighted with their normal forces, whose sum is weight_n.
     center_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
     friction: float = 0.0
@@ -247,7 +247,7 @@ class Body:
     def press(
         self,
         force_n: np.ndarray,
-        torque_nmm: np.ndarray,
+        torque_nmm: float,
         center_mm: np.ndarray,
         friction: float,
         weight_n: float,
@@ -294,7 +294,8 @@ def contact_forces(at: Place) -> list[Body]:
             body.leave_unread(SIDE if facing > -MIN_FACING else BACK, force_n)
         else:
             at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
-            torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
+            torque_nmm = MM_PER_M * sign * float(force[3:] @ axes[:, 2])
+            torque_nmm += float(at_mm[0] * force_n[1] - at_mm[1] * force_n[0])
             friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
             body.press(force_n, torque_nmm, at_mm, friction, float(force[0]))
     _add_through(at, found)
@@ -402,7 +403,7 @@ def _trials(body: Body, limit: float) -> Iterator[tuple[Load, float, bool]]:
     if body.shape is None:
         return
     along_x, along_y, _ = (limit * body.force_n).tolist()
-    force_n, torque_nmm = limit * body.pressing_n, limit * float(body.torque_nmm[2])
+    force_n, torque_nmm = limit * body.pressing_n, limit * body.torque_nmm
     friction, surface = Friction(min(body.friction, MAX_FRICTION)), body.shape.surface
     covered_mm2 = np.count_nonzero(surface.heights_mm > NOTHING_MM / 2) * surface.pitch_mm**2
     is_thin = covered_mm2 < SURVEY_MM**2 or not covers_square(surface.heights_mm, THIN_CELLS)

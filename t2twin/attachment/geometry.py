@@ -28,6 +28,7 @@ from t2twin.primitives_cad.height_map import (
 )
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.grid import extent
 
 if TYPE_CHECKING:
     import mujoco
@@ -99,9 +100,7 @@ def body_surface(
         return None
     heights -= np.float32(top)
     heights[heights < -region.depth_mm] = NOTHING_MM
-    (first_row, last_row), (first, last) = (
-        np.flatnonzero((heights > NOTHING_MM).any(axis=axis))[[0, -1]] for axis in (1, 0)
-    )
+    first_row, last_row, first, last = extent(heights > NOTHING_MM)
     surface = HeightMap(
         heights[first_row - 1 : last_row + 2, first - 1 : last + 2],
         x_mm=(np.arange(first - 1, last + 2) - heights.shape[1] // 2) * pitch,
@@ -158,13 +157,19 @@ def _raised(
     return heights, top
 
 
-def covers_square(heights_mm: np.ndarray, cells: int) -> bool:
+@compiled(nogil=True)
+def covers_square(heights_mm, cells):
     """Whether a shape covers a square of cells x cells points of its map."""
-    found = heights_mm > NOTHING_MM / 2
-    for _ in range(2):
-        count = max(len(found) - cells + 1, 0)
-        found = np.logical_and.reduce([found[k : k + count] for k in range(cells)]).T
-    return bool(found.any())
+    largest = np.zeros(heights_mm.shape[1] + 1, np.int64)  # squares that end in a row
+    for i in range(heights_mm.shape[0]):
+        before = 0
+        for j in range(heights_mm.shape[1]):
+            side = min(before, largest[j], largest[j + 1]) + 1
+            before = largest[j + 1]
+            largest[j + 1] = side if heights_mm[i, j] > NOTHING_MM / 2 else 0
+            if largest[j + 1] >= cells:
+                return True
+    return False
 
 
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:

@@ -86,10 +86,6 @@ class State:
     sleeping: list[Body] = field(default_factory=list)  # these bodies
     lock: Lock = field(default_factory=Lock)  # of one reading at a time
 
-    def restart(self) -> None:
-        """Forget the readings, but not their number."""
-        vars(self).update(vars(State(reads=self.reads, lock=self.lock)))
-
     def bodies(self, at: Place) -> list[Body]:
         """The bodies that act on a sensor's geom; what those that sleep do is found once."""
         touching, data = contact_forces(at), at.data
@@ -249,7 +245,8 @@ class AttachedSensor:
     def _read(self, at: Place, state: State) -> Touch:
         data, frame = at.data, at.frame
         if data.time < state.time_s:
-            state.restart()
+            # Forget the readings, but not their number.
+            vars(state).update(vars(State(reads=state.reads, lock=state.lock)))
         state.time_s = data.time
         period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
         is_due, state.period = self.rate_hz is None or period != state.period, period

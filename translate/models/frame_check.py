@@ -101,9 +101,10 @@ class FrameCheck(nn.Module):
         """
         limits, found = self.limits.tolist(), []
         of_kinds = limits[WITH if has_background else WITHOUT]
+        named = CLASSES if has_background else (*CLASSES[:-2], *2 * CLASSES[-1:])
         for each, limit in ((odds[KINDS], of_kinds), (odds[TRANSFORMS], limits[TRANSFORMED])):
             kinds = np.where(each[:, 0] > limit, 1 + each[:, 1:].argmax(axis=1), 0)
-            found.append([CLASSES[kind] for kind in kinds])
+            found.append([named[kind] for kind in kinds])
         transforms = CLASSES[1 : 1 + len(INVERSE_TRANSFORMS)]
         both = zip(*found, strict=True)
         return [b if b in transforms and a in (RIGHT, *transforms) else a for a, b in both]
