@@ -14,10 +14,10 @@ import pyarrow as pa
 import pytest
 from kinds import COVER
 
+from t2twin.core.images import encode_png
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.info import FORMAT, ArrayInfo, CameraInfo, DatasetInfo, Shard, versions
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe

@@ -14,9 +14,9 @@ from spots import array_info, camera_info, stopped_after_an_epoch
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import encode_png
 from t2twin.sim.dataset.columns import column, schema_of
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import TactilePictures, load_info, load_pairs

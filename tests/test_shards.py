@@ -8,9 +8,8 @@ import pytest
 from spots import VALUES, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import decode_png
+from t2twin.core.images import decode_png, encode_png
 from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import BATCH_ROWS, iter_images, read_split, sha256_of, write_shard
 
 SCHEMA = schema_of(VALUES, None)

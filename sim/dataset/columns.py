@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from t2twin.core.images import encode_png
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, CameraInfo
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES

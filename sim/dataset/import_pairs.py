@@ -21,7 +21,7 @@ from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import new_folder, read_file
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
-from t2twin.core.images import MAX_FILE_BYTES, decode_image
+from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
@@ -36,7 +36,6 @@ from t2twin.sim.dataset.info import (
     normalized,
     versions,
 )
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
 from t2twin.sim.sensors.pair import SensorPair

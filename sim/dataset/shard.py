@@ -17,6 +17,7 @@ import numpy as np
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
@@ -25,7 +26,6 @@ from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
 from t2twin.sim.dataset.info import Shard, versions
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.units import log_uniform

@@ -1,14 +1,14 @@
-"""Opens and checks image files, writes PNG, and finds faults of frames."""
+"""Opens and checks image files, encodes PNG images, and finds faults of frames."""
 
 import io
 import re
 import struct
 import zlib
-from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
 from PIL import Image, ImageOps
+from zlib_ng import zlib_ng
 
 from t2twin.core.errors import T2TwinError
 
@@ -21,7 +21,7 @@ MAX_FILE_BYTES = 100_000_000  # of image files (assumed: MAX_PIXELS uncompressed
 _BOMBS = Image.DecompressionBombError, Image.DecompressionBombWarning
 _ERRORS = OSError, SyntaxError, ValueError, *_BOMBS
 
-SIGNATURE, ZLIB = b"\x89PNG\r\n\x1a\n", b"\x78\x01"
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 EIGHT_BIT_RGB = (8, 2, 0, 0, 0)  # bit depth, color type; compression, filter method, interlacing
 AVERAGE = 3  # row filter that predicts the mean of left and above (PNG specification, 9.2)
 
@@ -54,16 +54,18 @@ def decode_image(content: bytes, formats: tuple[str, ...] = FORMATS) -> Image.Im
             raise T2TwinError(f"it is damaged ({error})") from error
 
 
-def png_of(image: np.ndarray, deflate: Callable[[np.ndarray], bytes]) -> bytes:
-    """PNG bytes of a (rows, columns, 3) uint8 image, deflated as in RFC 1951."""
+def encode_png(image: np.ndarray) -> bytes:
+    """PNG bytes of a (rows, columns, 3) uint8 image with camera noise, in which LZ77 finds no
+    repeats: Huffman codes of each row's differences from the mean of left and above."""
     rows, columns, _ = image.shape
     values = image.reshape(rows, -1)
     filtered = np.full((rows, 1 + 3 * columns), AVERAGE, np.uint8)
     left, above = np.zeros((2, *values.shape), np.uint8)
     left[:, 3:], above[1:] = values[:, :-3], values[:-1]
     np.subtract(values, (left & above) + ((left ^ above) >> 1), out=filtered[:, 1:])
+    deflate = zlib_ng.compressobj(strategy=zlib_ng.Z_HUFFMAN_ONLY)
+    body = deflate.compress(filtered) + deflate.flush()
     header = struct.pack(">II5B", columns, rows, *EIGHT_BIT_RGB)
-    body = ZLIB + deflate(filtered.ravel()) + struct.pack(">I", zlib.adler32(filtered.data))
     parts = [SIGNATURE]
     for kind, content in ((b"IHDR", header), (b"IDAT", body), (b"IEND", b"")):
         checksum = struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))
