@@ -95,7 +95,7 @@ def _run(given: list[str]) -> None:
     files.run_inputs = [Path(word) for word in files_given]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("always", T2TwinWarning)
+            warnings.simplefilter("default", T2TwinWarning)  # each text once
             warnings.showwarning = lambda message, *_: _print_error(str(message))
             tyro.extras.subcommand_cli_from_dict(
                 COMMANDS,

@@ -174,27 +174,28 @@ class TouchOptions(Press):
         if self.sensor != BOTH:
             sensor = pair.by_name[pair.named(self.sensor)]
             pair, only = SensorPair(sensor, sensor), sensor.name
-        pair = SensorPair(*map(self._with_elastomer, (pair.source, pair.target)))
         options = self.options
         if renderer != "baked":
             options["renderer"] = renderer
         if self.marker_pitch_mm is not None:
             options |= {"markers": Markers(self.marker_pitch_mm)}
-        return shape, pair.with_options(**options), only
+        pair = pair.with_options(**options)
+        if self.flat and all(sensor.elastomer.is_flat for sensor in pair.by_name.values()):
+            raise T2TwinError("--flat has no effect on sensors without a dome; leave it out")
+        return shape, SensorPair(*map(self._with_elastomer, (pair.source, pair.target))), only
 
     def _with_elastomer(self, sensor: "Sensor") -> "Sensor":
         """The sensor with the given values of its elastomer."""
         names = ("thickness_mm", "young_mpa", "poisson")
         changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if changes:
-            changes["law"] = "linear"
+        changes |= {"law": "linear"} if changes else {}
         if self.flat:
-            changes |= {"dome_width_radius_mm": math.inf, "dome_length_radius_mm": math.inf}
+            changes |= dict.fromkeys(("dome_width_radius_mm", "dome_length_radius_mm"), math.inf)
+            changes["dome_flat_mm"] = 0.0
         if not changes:
             return sensor
         (layer,) = {"gel", "cover"} & {*sensor.OPTIONS}
-        elastomer = getattr(sensor.spec, layer).elastomer(sensor.name)
-        return sensor.with_options({layer: replace(elastomer, **changes)})
+        return sensor.with_options({layer: replace(sensor.elastomer, **changes)})
 
     def folder(self, command: str, shape: "Shape") -> Path:
         """The folder to write."""

@@ -18,11 +18,8 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 
-MAX_SEED = 2**63 - 1
-"""The largest seed that NumPy, PyTorch and JSON readers accept."""
-
-NO_NUMBERS = (bool, np.timedelta64)
-"""Types of numbers, to Python, that are none."""
+MAX_SEED = 2**63 - 1  # the largest that NumPy, PyTorch and JSON readers accept
+NO_NUMBERS = (bool, np.timedelta64)  # types of numbers, to Python, that are none
 
 Kind = TypeVar("Kind")
 Number = TypeVar("Number", int, float)
@@ -135,6 +132,9 @@ def array(value: object, name: str) -> np.ndarray:
     """An array of integers or floats, of any shape, without masked values."""
     try:
         found = np.asarray(value)
+        of_list = np.asarray(value, object).flat if isinstance(value, list | tuple) else ()
+        if {bool, np.bool_} & {*map(type, of_list)}:
+            raise TypeError  # NumPy makes 1 and 0 of True and False among numbers
     except (ValueError, TypeError, RuntimeError):  # a ragged list, a tensor with a gradient
         found = np.empty(0, object)
     if found.dtype.kind not in "iuf" or np.ma.is_masked(value):

@@ -168,12 +168,12 @@ def check_own(
             continue
         check_replaceable(path)
         if _identities([path]) & known:
-            raise T2TwinError(f"{path} is an input and would be replaced; choose another folder")
+            raise T2TwinError(f"{path} is an input and would be replaced; choose another place")
         is_own = path.is_file() and sha256_of(path) in earlier.get(name, ())
         if not force and not is_own:
             way = "name another file, or replace it with --force"
             if kind:
-                way = f"it is not an unchanged file of an earlier {kind}; choose another folder"
+                way = f"it is not an unchanged file of an earlier {kind}; choose another place"
             raise T2TwinError(f"{path} exists; {way}")
     return earlier
 
