@@ -28,6 +28,7 @@ from tqdm import tqdm
 
 from benchmarks import ROOT
 from benchmarks.evidence import Argument, Benchmark, Figure
+from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import new_folder
 
@@ -78,9 +79,8 @@ def _in_turn(checkouts: tuple[Path, ...], turns: int) -> list[tuple[dict[str, fl
     servers = [_start(each, [str(TURN)], stdin=subprocess.PIPE) for each in checkouts]
     try:
         (presses,) = {int(_answer(server)) for server in servers}
-        numbers = [*range(presses)] * (
-            turns + 1
-        )  # shapes are made and code is compiled in the first
+        # Shapes are made and code is compiled in the first turn.
+        numbers = [*range(presses)] * (turns + 1)
         rows = []
         for number in tqdm(numbers, desc="presses", unit="press"):
             answers = []
@@ -148,7 +148,9 @@ def _start(checkout: Path, arguments: list[str], **streams: Any) -> subprocess.P
     return subprocess.Popen(
         [sys.executable, *arguments],
         cwd=checkout,
-        env=os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"},
+        env=os.environ
+        | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
+        | {VARIABLE: str(CHECKOUTS / "caches" / checkout.name)},  # models replace those of others
         stdout=subprocess.PIPE,
         text=True,
         **streams,
