@@ -176,7 +176,7 @@ def test_force_goes_with_the_modulus(shapes):
         ("force_n\n1.5\n", "has no column file"),
         ("file,force_n\nnone.png,1.5\n", "names none.png, which is not a frame"),
         ("file,force_n\npress_00.png,1.5\npress_00.png,1.6\n", "names press_00.png twice"),
-        ("file,force_n\npress_00.png,0\n", "line 2: .*force_n"),
+        ("file,force_n\npress_00.png,0\n", "line 2, column force_n"),
         ("file,depth_mm\npress_00.png,7\n", "depth_mm of press_00.png is 7; it must be at most 4"),
         ("file,ball_diameter_mm\npress_00.png,40\n", "ball_diameter_mm of press_00.png is 40"),
     ],

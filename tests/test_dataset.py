@@ -15,6 +15,7 @@ from waiting import wait_until
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
+from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
@@ -81,13 +82,10 @@ def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, sh
 def test_an_interrupt_leaves_whole_shards_and_no_processes(made, tmp_path, shape_cache):
     """The next run keeps the shards, though info.json does not list them."""
     folder, children = tmp_path / "stopped", {*multiprocessing.active_children()}
-    interrupt = threading.Thread(target=lambda: (
-        wait_until(lambda: list(folder.glob("*/[a-z]*.parquet"))),
-        os.kill(os.getpid(), signal.SIGINT)))  # fmt: skip
-    interrupt.start()
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        # at the first shard
+        patch.setattr(Progress, "update", lambda *_: os.kill(os.getpid(), signal.SIGINT))
         make_dataset(folder, "smoke", workers=2, cache=shape_cache, shapes=SHAPES)
-    interrupt.join()
     assert {*multiprocessing.active_children()} == children and not list(folder.rglob(".*.part*"))
     whole = {path: path.stat().st_mtime_ns for path in folder.glob("*/*.parquet")}
     assert 0 < len(whole) < len(SHAPES) and read_info(folder).shards == {}

@@ -41,8 +41,8 @@ SCALE = "small"
 SHAPES = (
     "square-1", "square-2", "square-3", "allen-key/short-end", "clamp/pad", "pliers/teeth",
 )  # fmt: skip
-"""Two versions of a primitive to train on and the one to validate on, which lies between them; and
-one place of each of three tools, blunt or straight as these are."""
+"""Two versions of a primitive to train on and the one to validate on, which lies between them.
+Beside them one place of each of three tools, blunt or straight as these are."""
 
 EPOCHS = {"touch2touch": 16, "resnet18": 8}
 """Epochs of each translator: brief, yet enough to be well below the mean array."""
@@ -93,9 +93,9 @@ def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS)
 
 
 def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
-    """What the limits are for: errors in parts of the baseline's, the translators' in parts of the
-    mean array's, how far their contact IoU is below the baseline's, and by what share their gain,
-    the slope of predicted over true counts, differs from it."""
+    """What the limits are for: errors in parts of the baseline's, and the translators' in parts of
+    the mean array's; how far their contact IoU is below the baseline's. Their gain is the slope of
+    predicted over true counts; its limit is a share of the baseline's."""
     from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 
     errors, ious, gains = (measured[name] for name in ("rmse_percent", "contact_iou", "gain"))

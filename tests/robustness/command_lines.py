@@ -25,7 +25,9 @@ NUMBERS = {
     "SIM --seed": f"-1 {2**63}", "SIM --workers": "0 1001", "IMPORT --seed": "-1",
     "IMPORT --full-scale": f"0 65536 {2**70}", "TRAIN --seed": f"-1 {2**63}",
     "TRAIN --epochs": "0 -1", "TRAIN --minutes": "0 -1 nan", "TRAIN --iou-weight": "-1 1 nan",
-    "BALL --held-out": "-1 8", "BALL --ball-diameter-mm": "0 -4 1e9 nan",
+    "BALL --held-out": "-1 8",
+    "calibrate --background background.png --presses presses --out o --ball-diameter-mm":
+        "0 -4 1e9 nan",
     "BALL --scale-px-per-mm": "0 1e9 nan", "BALL --ball-tolerance-mm": "-1 4 nan",
     "BALL --depth-tolerance-mm": "-1 nan", "BALL --young-tolerance-mpa": "-1 0.5 nan",
     "ADAPT --minutes": "0 -5 nan", "ADAPT --held-out": "0 8", "ADAPT --workers": "0",
@@ -62,7 +64,8 @@ report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => 
 import-pairs --out out | nowhere.csv => nowhere.csv | /dev/null => csv
 convert | {data} --to zarr --out x | --to lerobot --out x nowhere => no dataset
 calibrate --out out --background none.png | => none.png | --held-out 2 => --presses
-ADAPT | --model resnet => model | --init-from gone => gone | --out presses => presses
+ADAPT | --model resnet => model | --init-from gone => gone
+adapt --background background.png --presses presses --ball-diameter-mm 4 | --out presses => presses
 studio | --run nowhere => nowhere | --source nowhere => no source | --host nowhere => cannot listen
 LIVE | nowhere => no source | /dev/zero => no source | d --background d/x.png => field run
 LIVE | http://127.0.0.1:9/x.mp4 => no source | d --layout cyskin-63 => ResNet18
