@@ -3,9 +3,14 @@
 Shape letters: E episodes, T steps, A numbers of an action.
 """
 
+import json
+from pathlib import Path
+
 import numpy as np
 import torch
 from PIL import Image
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 from torch import nn
 from tqdm import tqdm
 
@@ -33,6 +38,7 @@ class Policy(nn.Module):
 
     def __init__(self, touch: str, taxels: int, low: np.ndarray, high: np.ndarray) -> None:
         super().__init__()
+        self.made_with = [touch, taxels, low.tolist(), high.tolist()]
         self.touch, features = touch, FEATURES
         self.middle, self.reach = (torch.as_tensor(each) for each in (low + high, high - low))
         if touch == "counts":
@@ -50,6 +56,19 @@ class Policy(nn.Module):
         self.head = nn.Sequential(
             nn.Linear(2 * STATE, STATE), nn.ReLU(), nn.Linear(STATE, len(low))
         )
+
+    def save(self, path: Path) -> None:
+        """Write the weights, and with what the policy was made."""
+        save_file(self.state_dict(), path, {"made_with": json.dumps(self.made_with)})
+
+    @classmethod
+    def load(cls, path: Path) -> "Policy":
+        """A policy that was saved."""
+        with safe_open(path, "pt") as file:
+            touch, taxels, *limits = json.loads(file.metadata()["made_with"])
+        policy = cls(touch, taxels, *(np.array(each, np.float32) for each in limits))
+        policy.load_state_dict(load_file(path))
+        return policy
 
     def forward(
         self, touch: torch.Tensor, hand: torch.Tensor, state: torch.Tensor | None = None

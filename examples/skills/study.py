@@ -60,7 +60,7 @@ SHOWN = {"counts": "own sensor", "image": "DIGIT, learned on images", "none": "o
 @cache
 def loaded(path: Path | str) -> Any:
     """A trained policy, or a pretrained run by its name; once in a process."""
-    return t2twin.load(path) if isinstance(path, str) else torch.load(path, weights_only=False)
+    return t2twin.load(path) if isinstance(path, str) else Policy.load(path)
 
 
 @cache
@@ -156,7 +156,7 @@ def train(
     (out / "policies").mkdir(exist_ok=True)
     for task in tasks:
         for kind, name in SHOWN.items():
-            path = out / "policies" / f"{task}-{kind}.pt"
+            path = out / "policies" / f"{task}-{kind}.safetensors"
             if path.exists():
                 continue
             parts = [np.load(file) for file in files[task, name].values()]
@@ -168,7 +168,7 @@ def train(
             policy = Policy(kind, shown["touch"].shape[-1], space.low, space.high)
             learn(policy, shown, tqdm(range(EPOCHS[kind]), path.stem))
             with atomic_write(path) as temporary:
-                torch.save(policy.eval(), temporary)
+                policy.save(temporary)
 
 
 def evaluate(
@@ -182,7 +182,7 @@ def evaluate(
     known = {(row["task"], row["arm"], row["seed"]) for row in rows}
     wanted = [(task, name, seed) for seed in seeds for task in tasks for name in ARMS]
     calls = [
-        (perform, *each, out / "policies" / f"{each[0]}-{ARMS[each[1]].policy}.pt")
+        (perform, *each, out / "policies" / f"{each[0]}-{ARMS[each[1]].policy}.safetensors")
         for each in wanted
         if each not in known
     ]
@@ -245,7 +245,7 @@ def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
             ImageDraw.Draw(frame).text((8, 6), name, fill=(0, 0, 0))
             frames.append(frame)
 
-        perform(task, name, seed, out / "policies" / f"{task}-{arm.policy}.pt", watch)
+        perform(task, name, seed, out / "policies" / f"{task}-{arm.policy}.safetensors", watch)
         strips.append(frames)
     last = max(map(len, strips))
     rows = [[each[min(n, len(each) - 1)] for each in strips] for n in range(last)]
