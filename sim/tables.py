@@ -75,7 +75,9 @@ def _plain(cell: str, sign: str | None, source: str, doubtful: str) -> str:
     """A number as Python writes it. doubtful: signs that may be of thousands without a sign."""
     if sign is None and AMBIGUOUS.fullmatch(cell) and {*cell} & {*doubtful}:
         whole, decimal = re.sub("[.,]", "", cell), cell.replace(",", ".")
-        raise T2TwinError(f"{source}: {cell} may be {whole} or {decimal}; write one or {decimal}0")
+        raise T2TwinError(
+            f"{source}: {cell} may be {whole} or {decimal}; write {whole} or {decimal}0"
+        )
     point, of_file = sign or ".", f" with the decimal sign {sign} of this file" if sign else ""
     groups = rf"[0-9]{{1,3}}(?:[{SIGNS[point]}' \u00a0\u202f\u2019][0-9]{{3}})+"
     found = re.fullmatch(rf"([-+]?)({groups}|[0-9]*)[{point}]?([0-9]*)(e[-+]?[0-9]+)?", cell, re.I)
@@ -85,7 +87,7 @@ def _plain(cell: str, sign: str | None, source: str, doubtful: str) -> str:
         if isfinite(float(plain)):
             return plain
     raise T2TwinError(
-        f"{source}: {cell[:40]!r} is no finite number{of_file}; expected one such as 1234.5, "
+        f"{source}: {cell[:40]!r} is no finite number{of_file}; expected one such as 1234{point}5, "
         "without a unit or a percent sign"
     )
 

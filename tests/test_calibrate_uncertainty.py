@@ -174,6 +174,7 @@ def test_force_goes_with_the_modulus(shapes):
     [
         ("file;force_n\npress_00.png;1,5\n", None),
         ("force_n\n1.5\n", "has no column file"),
+        ("file,force_n\npress_00.png,\n", "has no measurement"),
         ("file,force_n\nnone.png,1.5\n", "names none.png, which is not a frame"),
         ("file,force_n\npress_00.png,1.5\npress_00.png,1.6\n", "names press_00.png twice"),
         ("file,force_n\npress_00.png,0\n", "line 2, column force_n"),
@@ -205,6 +206,7 @@ def test_tolerances_that_cannot_be_are_refused(twin_frames):
     assert "within its tolerance, is 0.7" in refused(twin_frames, ball_mm=4.0)
     assert "beyond 9.6 to 38.4 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
     assert "must be less" in refused(twin_frames, young_mpa=0.5)
+    assert "depth_mm has no effect, without" in refused(twin_frames, depth_mm=0.0)
 
 
 def test_displacements_of_held_out_presses_alone_are_refused(copied):

@@ -36,3 +36,9 @@ def test_what_may_be_another_number_is_refused(cell: str, delimiter: str, tmp_pa
     (tmp_path / "t.csv").write_text(text, encoding="utf-8")
     with pytest.raises(T2TwinError, match=r"t\.csv, line 3, column a: .*(number|may be 1234 or)"):
         read_csv(tmp_path / "t.csv", "a|b")
+
+
+def test_advice_has_the_decimal_sign_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("a;b\n1,5;2 N\n")
+    with pytest.raises(T2TwinError, match=r"such as 1234,5"):
+        read_csv(tmp_path / "t.csv", "a|b")

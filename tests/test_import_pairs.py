@@ -10,7 +10,7 @@ from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.frame_order import FrameOrder
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.import_pairs import import_pairs
@@ -71,6 +71,17 @@ def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
         with Image.open(folder / row["image"]) as image:
             expected = [row[f"taxel_{i}"] for i in range(TAXELS)]
             assert kept[np.asarray(image)[::-1, :, ::-1].tobytes()] == expected
+
+
+def test_images_unlike_the_sensor_s_are_named(tmp_path, layout):
+    folder, _ = write_csv(tmp_path / "mine")
+    for number in range(20):
+        pixels = np.random.default_rng(number).integers(99, 199, (4, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(folder / f"{number}.png")
+    with pytest.warns(T2TwinWarning) as found:
+        import_pairs(folder, tmp_path / "data", layout)
+    size, color = (str(each.message) for each in found)
+    assert "the images are 3 x 4 pixels" in size and "20 images of 20 are without color" in color
 
 
 def test_what_the_rows_say_is_kept(tmp_path, layout):

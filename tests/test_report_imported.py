@@ -47,7 +47,7 @@ def own_pairs(folder: Path, splits: str, shapes: tuple[str, ...] = (), poses: bo
             | ({"x_mm": 1.5 if row % 2 else ""} if poses else {})
         )
     pd.DataFrame(rows).to_csv(source / "pairs.csv", index=False)
-    with pytest.warns(T2TwinWarning, match=f"the images are {COLUMNS} x {ROWS} pixels"):
+    with pytest.warns(T2TwinWarning, match=f"are {COLUMNS} x {ROWS} pixels|are without color"):
         import_pairs(source, folder / "data", layout, full_scale=FULL_SCALE)
     return folder / "data"
 

@@ -3,6 +3,7 @@
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,6 +14,7 @@ from msgspec import structs
 from t2twin import Twin
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.optical.camera import Camera, optical_grid
 from t2twin.sim.optical.illumination import Rays
@@ -20,6 +22,7 @@ from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.optical.units import UnitRanges, sample_unit
+from t2twin.sim.sampling.recipe import Light, load_recipe
 
 DIGIT = gel_camera()
 GEL, CAMERA, FRAMES = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.camera.frames
@@ -59,7 +62,11 @@ def shipped():
 
 def test_units_of_a_recipe_see_the_gel_only():
     with pytest.raises(T2TwinError, match=r"a unit's camera sees 48.0 mm of the gel's width"):
-        unit(0, structs.replace(DRAW, scale_px_per_mm=(5.0, 6.0)))
+        unit(0, wide := structs.replace(DRAW, scale_px_per_mm=(5.0, 6.0)))
+    light = Light(kind="drawn", draw=wide)
+    with pytest.raises(T2TwinError, match="a unit's camera sees"):
+        make_dataset("data", recipe=structs.replace(load_recipe("open"), light=light))
+    assert not Path("data").exists()
 
 
 def test_the_same_seed_gives_the_same_unit_in_any_thread(units):
@@ -232,6 +239,9 @@ def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
 
 def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path):
     shipped.save(tmp_path / "mine.npz")
+    (tmp_path / "table.npz").write_text("a,b")
+    with pytest.raises(T2TwinError, match="it is no NPZ file"):
+        Optics.load(tmp_path / "table.npz")
     with pytest.raises(T2TwinError, match="cannot render an optics file"):
         Twin(tmp_path / "mine.npz", renderer="pyrender")
     with pytest.raises(T2TwinError, match="cannot render an optics file"):

@@ -132,6 +132,11 @@ def read_measurements(
                 f"{path}: depth_mm of {row.file} is {row.depth_mm:g}; it must be at most "
                 f"{thickness_mm:g}, the gel's thickness"
             )
+    if lexists(path) and all(row == _Row(row.file) for row in rows.values()):
+        raise T2TwinError(
+            f"{path} has no measurement; expected force_n, depth_mm or ball_diameter_mm of a "
+            "frame, or no such file"
+        )
     found = [rows.get(name, _Row(name)) for name in names]
     diameters = [row.ball_diameter_mm or ball_diameter_mm for row in found]
     return (
@@ -400,9 +405,23 @@ def read_presses(
         if width_mm > WIDEST * found.diameters_mm[index]:  # before the long fit
             raise too_small(found, index, camera)
     if tolerance is not None:
+        _check_used(tolerance, found)
         for sign in (DEEPEST_SIGN, SHALLOWEST_SIGN):  # refuses too large ones
             shifted(found, camera, tolerance.of(sensor), sign)
     return found, train, test
+
+
+def _check_used(tolerance: Tolerance, presses: Presses) -> None:
+    """Raises T2TwinError for a tolerance, other than the default, that has no effect."""
+    has_forces = bool(np.isfinite(presses.forces_n).any())
+    for name, is_used, state in (
+        ("depth_mm", presses.has_depths, f"without a depth_mm in {FORCES}"),
+        ("force_n", has_forces, f"without a force_n in {FORCES}"),
+        ("scale_px_per_mm", not presses.has_depths, f"as depth_mm in {FORCES} determines it"),
+        ("young_mpa", not has_forces, f"as force_n in {FORCES} determines it"),
+    ):
+        if not is_used and getattr(tolerance, name) != getattr(DEFAULT_TOLERANCE, name):
+            raise T2TwinError(f"the tolerance {name} has no effect, {state}; leave it out")
 
 
 def _parts(

@@ -55,6 +55,7 @@ from t2twin.sim.dataset.store import (
     write_info,
     write_whole,
 )
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.plan import Batch, load_shape, plan, solids_in
@@ -95,6 +96,9 @@ def make_dataset(
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
     recipe = for_pair(recipe, [sensor.spec.kind for sensor in sensors.by_name.values()])
+    for sensor in sensors.by_name.values() if recipe.light.kind == "drawn" else ():
+        if isinstance(sensor, GelCamera) and not sensor.is_center:
+            sensor.spec.ranges(recipe.light.draw)  # raises for a camera that sees beyond the gel
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
         if workers is not None:

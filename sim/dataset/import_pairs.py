@@ -18,10 +18,10 @@ from msgspec import Meta, Struct, defstruct
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError, warn
+from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import new_folder, read_file
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
-from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
+from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png, fault_of, is_colored
 from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
@@ -81,7 +81,8 @@ def import_pairs(
     source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
     count at which they saturate; None for the target's. seed: of a random split. sensors: a gel
     camera with the view of the images, and an array like the user's; None for the default ones.
-    order: of the images, which are stored upright; the info has it.
+    order: of the images, which are stored upright; the info has it. Warns with T2TwinWarning of
+    images that are black, overexposed or without color, and of a size unlike the camera's.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
@@ -175,13 +176,19 @@ def _write(
     schema, shards = schema_of(VALUES, None), {}
     known: dict[bytes, str] = {}
     size: list[tuple[int, int, int]] = []
+    faults: dict[str, list[str]] = {}
+    colored = is_colored(sensors.camera.background_frame())
     for path, own in by_shard.items():
-        rows = (_row(pair, n, images, known, size, order) for n, pair in enumerate(own))
+        rows = (_row(p, n, images, known, size, faults, colored, order) for n, p in enumerate(own))
         shards[path] = Shard(write_shard(folder / path, rows, schema), len(own))
     (high, wide, _), own = size[0], sensors.camera.camera
-    if abs(wide * own.rows / (high * own.columns) - 1.0) > 0.1:  # assumed
+    is_small = high < own.rows / 16  # assumed, as the next limit
+    if is_small or abs(wide * own.rows / (high * own.columns) - 1.0) > 0.1:
         other = f"those of {sensors.camera.name}, upright, are {own.columns} x {own.rows}"
         warn(f"the images are {wide} x {high} pixels; {other}")
+    for fault, places in faults.items():
+        found = f"{counted(len(places), 'image')} of {len(pairs)} are {fault}, first {places[0]}"
+        warn(f"{found}; expected images of {sensors.camera.name} in its own light")
     info = DatasetInfo(
         format=FORMAT,
         complete=True,
@@ -212,11 +219,13 @@ def _write(
 
 def _row(
     pair: Pair, index: int, folder: Path, known: dict[bytes, str],
-    size: list[tuple[int, int, int]], order: FrameOrder,
+    size: list[tuple[int, int, int]], faults: dict[str, list[str]], colored: bool,
+    order: FrameOrder,
 ) -> dict[str, Any]:  # fmt: skip
     """A row of a shard; columns that it lacks are empty.
 
-    known: places of the earlier images by hash. size: theirs, if any.
+    known: places of the earlier images by hash. size: theirs, if any. faults: receives the place
+    of an image with a fault, by its name. colored: whether the sensor has colors.
     """
     content = pair.image
     if isinstance(content, dict):
@@ -242,6 +251,8 @@ def _row(
     first = known.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
     if first != pair.place:
         raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
+    if fault := fault_of(pixels, colored):
+        faults.setdefault(fault, []).append(pair.place)
     name = f"{file_stem(str(pair.shape))}-{index}.png"
     return {
         "shape": pair.shape,

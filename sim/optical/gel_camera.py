@@ -261,17 +261,21 @@ class GelCamera:
                 )
         return replace(self, **given)
 
+    @property
+    def is_center(self) -> bool:
+        """Whether units are sampled near the optics: of a given file, or of a sensor's file without
+        LEDs or ranges of units."""
+        return self.optics_file is not None or not self.spec.light.leds or self.spec.units is None
+
     def sampled(
         self, rng: np.random.Generator, artifacts_rng: np.random.Generator, ranges: UnitRanges,
         artifacts: Artifacts | None,
     ) -> "GelCamera":  # fmt: skip
-        """A sampled unit: near its optics file, if one is given or the sensor's file has no LEDs or
-        no ranges of units, else from the ranges. artifacts: None for none."""
-        spec, leds = self.spec, self.spec.light.leds
-        is_near = self.optics_file is not None or not leds or spec.units is None
-        unit = sample_unit(rng, spec, ranges, self.optics if is_near else None)
+        """A sampled unit: near the optics, if they are the center, else from the ranges.
+        artifacts: None for none."""
+        unit = sample_unit(rng, self.spec, ranges, self.optics if self.is_center else None)
         if artifacts is not None:
-            unit = with_artifacts(artifacts_rng, unit, artifacts, leds)
+            unit = with_artifacts(artifacts_rng, unit, artifacts, self.spec.light.leds)
         return self.with_unit(unit)
 
     def with_unit(self, unit: Unit) -> "GelCamera":

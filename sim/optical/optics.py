@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 from msgspec import structs, to_builtins
@@ -139,6 +140,8 @@ class Optics(Record):
         if not Path(path).is_file():
             raise T2TwinError(f"{path} does not exist; `t2twin calibrate` writes an optics file")
         try:
+            if not is_zipfile(path):
+                raise T2TwinError("it is no NPZ file")
             with np.load(path, allow_pickle=False) as file:
                 known = {*_KEYS.values(), *LIMITS, NOISE_MIX, NOISE_TAPS, *REMARKS}
                 if unknown := sorted({*file.files} - known):
