@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import t2twin
+from benchmarks.contact.solids import block
 from benchmarks.motion.slides_closed_forms import (
     FORCE_N,
     loop,
@@ -16,6 +17,7 @@ from benchmarks.motion.slides_closed_forms import (
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.displacements import MAX_SHORTENING, unfolded
@@ -105,6 +107,19 @@ def test_ball_pushed_sideways(poisson, share):
     assert abs(found["compliance_error"]) < 0.01
     assert found["traction_error"] < 0.03
     assert abs(found["stick_radius_error"]) < 0.02
+
+
+@pytest.mark.parametrize(("shape", "turn"), [(ball(6.0), 0.02), (block(4.3, 3.1), 0.0)])
+def test_coarse_cells_have_the_slip_and_the_traction_of_fine_ones(shape, turn):
+    flat, command = elastomer(0.47, 3.0), PressCommand(shape.name, 0.13, 0.07, 0.2, 6.0)
+    coarse, fine = (solve_contact(shape, command, flat, pitch) for pitch in (0.25, 0.0625))
+    for _ in range(2):
+        step = 0.1, 0.05, turn, 6.0, Friction(0.6)
+        coarse, fine = advance(coarse, *step), advance(fine, *step)
+    assert coarse.slip_share == pytest.approx(fine.slip_share, abs=0.025)
+    assert coarse.shear_n == pytest.approx(fine.shear_n, rel=0.02)
+    traction = fine.shear_kpa.reshape(2, 80, 4, 80, 4).mean(axis=(2, 4))
+    assert np.linalg.norm(coarse.shear_kpa - traction) < 0.15 * np.linalg.norm(traction)
 
 
 def test_stuck_punch_on_thick_and_thin_layers():
@@ -339,11 +354,11 @@ def test_a_tip_settles_between_two_sets_of_cells():
 
 
 def test_a_far_sheared_surface_is_named(press):
-    far = press("random-4322000000089", GEL, 0.25, 11.5)
-    for _ in range(4):
-        far = advance(far, -0.1, 0.1, -0.03, 11.5, Friction(1.2))
+    far = press("hemisphere-4", Elastomer("thin", 0.5, 0.1, 0.47, 20.0, 20.0), 0.25, 4.0)
+    for _ in range(6):
+        far = advance(far, -0.1, 0.1, -0.03, 4.0, Friction(3.0))
     assert FAR_SHEARED in contact_notes(far)
     assert far.settled or far.smaller_than_grid
-    assert not advance(replace(far, settled=False), -0.1, 0.1, 0.0, 11.5, Friction(1.2)).settled
+    assert not advance(replace(far, settled=False), -0.1, 0.1, 0.0, 4.0, Friction(3.0)).settled
     ordinary = advance(press("hemisphere-4", GEL, 0.25, 4.0), 0.1, 0.0, 0.0, 4.0, Friction(0.5))
     assert contact_notes(ordinary) == []

@@ -375,6 +375,13 @@ class Equilibrium:
         ]
         return found
 
+    @cached_property
+    def cover(self) -> np.ndarray:
+        """(ny, nx) share of each cell of the contact's grid that is in contact."""
+        found, fine = np.zeros_like(self.grid_mpa), self.pins.cover * (self.body_fine_mpa > 0)
+        found[self._grid_window] = block_means(fine.max(axis=0), self.pins.layer.per_side)
+        return found
+
     @property
     def fine_mpa(self) -> np.ndarray:
         """Mean pressure on each fine cell of the window, (rows, columns)."""

@@ -29,6 +29,10 @@ from t2twin.sim.contact.solver_loops import eliminate
 # Share by which a traction may be below the limit of friction where the shape slips: three times
 # the tolerance of the traction.
 AT_LIMIT = 1e-3
+# A cell that the contact covers by a share c has c ** -COVER_EXPONENT times the compliance of a
+# whole one. A part that slips adds SLIP_COMPLIANCE times the product of `partial_slip`. Both are
+# fitted to contacts on cells of a quarter of the side.
+COVER_EXPONENT, MIN_COVER, SLIP_COMPLIANCE = 0.6, 0.1, 0.5
 # Convergence: largest residual of the slip condition over the largest wanted displacement.
 TOLERANCE = 3e-4
 # The same of the traction under the pressure before a step, from which the step starts (assumed:
@@ -60,7 +64,7 @@ NO_BODIES: Bodies = (
 
 def solve_traction(
     layer: WindowTransforms, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray,
-    bodies: Bodies = NO_BODIES, tolerance: float = TOLERANCE,
+    bodies: Bodies = NO_BODIES, tolerance: float = TOLERANCE, own: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, bool]:  # fmt: skip
     """The traction of one step along x and y, MPa, the displacement of the surface by it, mm, both
     (2, rows, columns), and whether it converged. By spectral projected gradients (Birgin, Martinez,
@@ -68,20 +72,56 @@ def solve_traction(
 
     limit_mpa: (rows, columns) largest traction, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess. bodies: with prescribed forces; the
-    wanted displacement then lacks their rigid motions, which are written to the last array.
+    wanted displacement then lacks their rigid motions, which are written to the last array. own:
+    (rows, columns) additional compliance of each cell, whose displacement the result lacks.
     """
     limit = np.ascontiguousarray(limit_mpa, np.float32)
     inside = limit > 0
     wanted = np.where(inside, wanted_mm, 0.0).astype(np.float32)
-    q = np.array(start_mpa, np.float32, order="C")
-    displacement = np.empty_like(wanted)
+    q, displacement = np.array(start_mpa, np.float32, order="C"), np.empty_like(wanted)
+    own = np.broadcast_to(own, limit.shape).astype(np.float32)
     # A square of the contact's area, within the layer's window.
     side = min(ceil(sqrt(inside.sum())), *inside.shape)
     residual = _minimize(
-        layer.of(limit.shape), shear_work(limit.shape, 2), limit, wanted, bodies,
+        layer.of(limit.shape), shear_work(limit.shape, 2), limit, own, wanted, bodies,
         1.0 / _compliance(layer, side), tolerance, q, displacement,
     )  # fmt: skip
-    return q.astype(float), displacement.astype(float), residual <= tolerance
+    return q.astype(float), (displacement - own * q).astype(float), residual <= tolerance
+
+
+def additional_compliance(
+    layer: WindowTransforms, cover: np.ndarray, traction: np.ndarray, limit: np.ndarray
+) -> np.ndarray:
+    """(rows, columns) additional compliance of cells that the contact covers by a share, and parts
+    of which slip under a traction, mm/MPa."""
+    rows, columns = (length // 2 for length in layer.kernels[0].shape)
+    by_cover = np.maximum(cover, MIN_COVER) ** -COVER_EXPONENT - 1
+    shares, changes = partial_slip(traction, limit)
+    return layer.kernels[0][rows, columns] * (by_cover + SLIP_COMPLIANCE * shares * changes)
+
+
+@compiled(nogil=True)
+def partial_slip(traction, limit):
+    """(2, rows, columns) share of each cell that slips under a traction, (2, rows, columns), and
+    change of the traction's distance from the limit within the cell, over the limit.
+
+    The distance is taken to change evenly in the part that sticks, as it does from the neighbors.
+    """
+    rows, columns = limit.shape
+    found, below = np.ones((2, rows, columns)), np.zeros(limit.shape)
+    for i in range(rows):
+        for j in range(columns):
+            size, bound = np.hypot(traction[0, i, j], traction[1, i, j]), np.float64(limit[i, j])
+            below[i, j] = bound - size if size < (1 - AT_LIMIT) * bound else 0.0
+    for i in range(rows):
+        for j in range(columns):
+            down = below[min(i + 1, rows - 1), j] - below[max(i - 1, 0), j]
+            across = below[i, min(j + 1, columns - 1)] - below[i, max(j - 1, 0)]
+            bound = max(limit[i, j], 1e-30)
+            change = max(min(np.hypot(down, across) / 2, bound), 1e-30)
+            found[0, i, j] = max(1 - np.sqrt(below[i, j] / change), 0.0)
+            found[1, i, j] = change / bound
+    return found
 
 
 @lru_cache(maxsize=256)
@@ -224,7 +264,7 @@ def step_towards(q, gradient, limit, length, bodies, direction):
 
 
 @compiled(nogil=True)
-def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
+def _minimize(kernels, work, limit, own, wanted, bodies, length, tolerance, q, displacement):
     """See `solve_traction`; writes q and the displacement, returns the residual."""
     has_bodies = bodies[3].shape[0] > 0
     is_known = q.size == 0  # no; a constant would compile respond once more
@@ -234,15 +274,9 @@ def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displa
     step_towards(q, gradient, limit, 1.0, bodies, direction)
     _add(q, direction, 1.0)
     respond(q, kernels, work, is_known, displacement)
-    scale = 1e-9
-    for k in range(2):
-        for i in range(limit.shape[0]):
-            for j in range(limit.shape[1]):
-                if limit[i, j] > 0:
-                    gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
-                    scale = max(scale, abs(wanted[k, i, j]))
-                    if has_bodies:
-                        scale = max(scale, abs(displacement[k, i, j]))
+    displacement += own * q
+    scale = max(1e-9, np.abs(wanted).max(), has_bodies * np.abs(displacement).max())
+    gradient[:] = displacement - wanted
     energy = _dot(q, displacement) / 2 - _dot(q, wanted)
     energies[:] = -np.inf
     energies[0] = energy
@@ -254,23 +288,20 @@ def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displa
             break
         steps += 1
         respond(direction, kernels, work, is_known, moved)
+        moved += own * direction
         curvature = _dot(direction, moved)
         # The energy is quadratic, so the best fraction of the step is known.
         fraction = 1.0
         if energy + slope + curvature / 2 > energies.max():
             fraction = min(1.0, -slope / curvature)
         _add(q, direction, fraction)
-        for k in range(2):
-            for i in range(limit.shape[0]):
-                for j in range(limit.shape[1]):
-                    displacement[k, i, j] += fraction * moved[k, i, j]
-                    if limit[i, j] > 0:
-                        gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
+        _add(gradient, moved, fraction)
         energy += fraction * slope + fraction**2 * curvature / 2
         energies[steps % STEPS_BACK] = energy
         length = square / max(curvature, 1e-30)
     if has_bodies:
         _add(q, direction, 1.0)  # within the restrictions, as the steps before need not be
+    displacement[:] = gradient + wanted
     return residual
 
 

@@ -22,6 +22,7 @@ from t2twin.sim.contact.friction import (
     AT_LIMIT,
     PREDICTION_TOLERANCE,
     TOLERANCE,
+    additional_compliance,
     balance,
     solve_traction,
 )
@@ -68,6 +69,7 @@ class Step(NamedTuple):
     layer: DomedLayer  # in the window
     window: Window
     lateral_mm: np.ndarray  # (2, rows, columns) displacement along the surface before
+    traction: np.ndarray  # (2, rows, columns) before, MPa
 
 
 # Displacements along the surface by the pressure and by the dome, mm, and a guess of the traction,
@@ -110,12 +112,14 @@ class Slide:
         if not limit.any():  # without friction
             return traction, follows, True
         near = window_around(dilated(limit > 0, 1))
-        part, wanted = (slice(None), *near), follows - spread - dome
+        cover = normal.equilibrium.cover[step.window]
+        own = additional_compliance(step.layer.middle, cover, guess, limit)
+        part, wanted = (slice(None), *near), follows - spread - dome + own * step.traction
         traction[part], _, converged = solve_traction(
             step.layer.middle, limit[near], wanted[part], guess[part],
-            tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE,
+            tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE, own=own[near],
         )  # fmt: skip
-        return traction, follows, converged
+        return traction, follows - own * (traction - step.traction), converged
 
 
 def advance(
@@ -127,13 +131,9 @@ def advance(
     The given contact does not change. Raises T2TwinError as solve_contact does.
     """
     command = contact.command
-    moved = replace(
-        command,
-        x_mm=command.x_mm + dx_mm,
-        y_mm=command.y_mm + dy_mm,
-        yaw_rad=command.yaw_rad + dyaw_rad,
-        force_n=force_n,
-    )
+    x_mm, y_mm = command.x_mm + dx_mm, command.y_mm + dy_mm
+    yaw_rad = command.yaw_rad + dyaw_rad
+    moved = replace(command, x_mm=x_mm, y_mm=y_mm, yaw_rad=yaw_rad, force_n=force_n)
     drive = Slide(dx_mm, dy_mm, dyaw_rad, friction)
     start = replace(contact.motion or still_motion(contact, (friction,)), friction=(friction,))
     found = step_contact(contact, start, [(contact.shape, moved)], drive)
@@ -147,36 +147,36 @@ def step_contact(
 
     start: the motion of the contact before, with the friction of this step.
     """
-    window, found = _window(contact, start), None
+    window = _window(contact, start)
     while True:
-        found = _step(contact, start, bodies, drive, window, found)
-        outside = _outside(found, window)
+        found = _step(contact, start, bodies, drive, window)
+        outside = _outside(found.pressure_kpa > 0, window)
         if not outside.any():
             return found
         outside[window] = True
         window = window_around(dilated(outside, WINDOW_CELLS))
 
 
-def _outside(contact: Contact, window: Window) -> np.ndarray:
-    """(ny, nx) bool: where a contact has pressure outside a window."""
-    outside = contact.pressure_kpa > 0
+def _outside(mask: np.ndarray, window: Window) -> np.ndarray:
+    """A mask without its part in a window."""
+    outside = mask.copy()
     outside[window] = False
     return outside
 
 
 def _step(
     contact: Contact, start: Motion, bodies: Sequence[tuple[Shape, PressCommand]], drive: Drive,
-    window: Window, earlier: Contact | None,
+    window: Window,
 ) -> Contact:  # fmt: skip
-    """The contact after a step, unsettled if it left the window. earlier: from which it starts."""
+    """The contact after a step, unsettled if it left the window."""
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
     spread = layer.spread_mm(1e-3 * contact.pressure_kpa[window])
     parts = layer.parts_mm(start.shear_mpa[part])
-    step = Step(contact, layer, window, parts.sum(axis=0)[:2] + spread)
+    step = Step(contact, layer, window, parts.sum(axis=0)[:2] + spread, start.shear_mpa[part])
     fields = spread, parts[1, :2], start.shear_mpa[part]
-    predictions = _predicted(step, start, earlier, drive, fields)
-    normal, pressure, shear, seen, predicted, dome, moves, travel = predictions
+    pressure, shear, seen, predicted, moves, travel = _predicted(step, start, drive, fields)
+    normal, dome = contact, parts[1, :2]
     converged, acceleration = False, anderson(seen.size)
     possible, reference, with_mujoco = np.zeros_like(seen), seen, not seen.any()
     for number in range(MAX_ROUNDS):
@@ -194,7 +194,7 @@ def _step(
         shear, follows, found = drive.traction(step, normal, (spread, dome, shear))
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
-        if not pressure.any() or _outside(normal, window).any():
+        if not pressure.any() or _outside(normal.pressure_kpa > 0, window).any():
             break  # the contact left the window
         error = unfolded(sheared, pitch) - seen
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
@@ -220,29 +220,21 @@ def _step(
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
-def _predicted(
-    step: Step, start: Motion, earlier: Contact | None, drive: Drive, fields: Fields
-) -> tuple[Any, ...]:
-    """The start of a step's rounds, from the contact before and its fields or an earlier result."""
-    near, layer, window = step.contact, step.layer, step.window
-    if earlier is not None and earlier.motion is not None:
-        near, shear = earlier, earlier.motion.shear_mpa[:, *window]
-        spread = layer.spread_mm(1e-3 * near.pressure_kpa[window])
-        fields = spread, layer.parts_mm(shear)[1, :2], shear
-    (spread, dome, _), pressure = fields, 1e-3 * near.pressure_kpa[window]
-    shear, follows, _ = drive.traction(step, near, fields, predicts=True)
+def _predicted(step: Step, start: Motion, drive: Drive, fields: Fields) -> tuple[Any, ...]:
+    """The start of a step's rounds, from the contact before and its fields."""
+    contact, window, pitch = step.contact, step.window, step.contact.pitch_mm
+    spread, pressure = fields[0], 1e-3 * contact.pressure_kpa[window]
+    shear, follows, _ = drive.traction(step, contact, fields, predicts=True)
     travel = None if drive.prescribed else follows - step.lateral_mm
-    seen, over, moves = layer.response_mm(shear), _nearest_body(near, window), None
-    if near is step.contact and travel is None:
-        by_mm = means(follows - seen[:2] - spread, pressure, over)
-        seen = moved(seen, by_mm, near.pitch_mm, over)
-    predicted = seen = unfolded(seen, near.pitch_mm)
-    if near is step.contact:
-        moves = means(follows - seen[:2] - spread, pressure, over)
-        if travel is not None:
-            more = _repeated(start, travel, pressure, window)
-            seen = unfolded(seen + moved(more, moves, near.pitch_mm, over), near.pitch_mm)
-    return near, pressure, shear, seen, predicted, dome, moves, travel
+    seen, over = step.layer.response_mm(shear), _nearest_body(contact, window)
+    if travel is None:
+        seen = moved(seen, means(follows - seen[:2] - spread, pressure, over), pitch, over)
+    predicted = seen = unfolded(seen, pitch)
+    moves = means(follows - seen[:2] - spread, pressure, over)
+    if travel is not None:
+        more = _repeated(start, travel, pressure, window)
+        seen = unfolded(seen + moved(more, moves, pitch, over), pitch)
+    return pressure, shear, seen, predicted, moves, travel
 
 
 def _repeated(
@@ -296,11 +288,9 @@ def _press(
 def _window(contact: Contact, start: Motion) -> Window:
     """The window of a step: that of the last one, if it is wide enough."""
     loaded = contact.pressure_kpa > 0
-    if start.window is not None:
-        outside = dilated(loaded, KEPT_CELLS)
-        outside[start.window] = False
-        if not outside.any():
-            return start.window
+    near = dilated(loaded, KEPT_CELLS)
+    if start.window is not None and not _outside(near, start.window).any():
+        return start.window
     return window_around(dilated(loaded, WINDOW_CELLS))
 
 
@@ -385,14 +375,8 @@ def _with_all_shapes(contact: Contact, shapes: Sequence[Shape]) -> Contact:
         return contact
     maps, depths_mm = [shape.surface for shape in shapes], contact.equilibrium.shape_depths_mm
     pitch = min(each.pitch_mm for each in maps)
-    x, y = (
-        np.arange(
-            min(getattr(each, axis)[0] for each in maps),
-            max(getattr(each, axis)[-1] for each in maps) + pitch / 2,
-            pitch,
-        )
-        for axis in ("x_mm", "y_mm")
-    )
+    ends = ([getattr(each, axis)[[0, -1]] for each in maps] for axis in ("x_mm", "y_mm"))
+    x, y = (np.arange(np.min(each), np.max(each) + pitch / 2, pitch) for each in ends)
     here = PressCommand("", 0.0, 0.0, 0.0, 0.0)  # y of a pressed shape points down
     highest = np.full((y.size, x.size), NOTHING_MM, np.float32)
     for each, offset in zip(maps, depths_mm - depths_mm.max(), strict=True):
@@ -431,6 +415,8 @@ class _Push:
             return traction, follows, True
         near = window_around(dilated(pressure > 0, 1))
         part = (slice(None), *near)
+        cover, earlier = normal.equilibrium.cover[step.window], step.traction[part]
+        own = additional_compliance(step.layer.middle, cover, guess, limit)[near]
         before, limit = follows[part], np.ascontiguousarray(limit[near], np.float32)
         still = (0.0, 0.0, 0.0)
         given = np.array(
@@ -443,13 +429,14 @@ class _Push:
         loaded = np.ascontiguousarray(pressure[near], float)
         _place(given, loaded, limit, contact.pitch_mm, bodies, motions)
         traction[part], shifted_mm, converged = solve_traction(
-            step.layer.middle, limit, before - spread[part] - dome[part], guess[part],
-            bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE,
+            step.layer.middle, limit, before - spread[part] - dome[part] + own * earlier,
+            guess[part], bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE, own,
         )  # fmt: skip
         if not predicts:  # a surface that sticks to the bodies
             motions = np.where(slides[:, None], motions, rigid)
             now = shifted_mm + spread[part] + dome[part]
-            before = now if slides.all() else np.where(slides[owner], now, before)
+            stuck = before - own * (traction[part] - earlier)
+            before = now if slides.all() else np.where(slides[owner], now, stuck)
         # In a prediction, the contact moves with the bodies, less the change of the shear.
         follows[part] = _with_motions(bodies, motions, before)
         return traction, follows, converged

@@ -17,7 +17,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.displacements import unfolded
 from t2twin.sim.contact.elastomer import Elastomer, Friction
-from t2twin.sim.contact.friction import AT_LIMIT
+from t2twin.sim.contact.friction import partial_slip
 from t2twin.sim.contact.grid import Window, interpolated
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
 
@@ -259,19 +259,23 @@ class Contact(Result):
         return float(1e-3 * (x * along_y - y * along_x).sum() * self.pitch_mm**2)
 
     @property
-    def slipping(self) -> np.ndarray:
-        """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
+    def slip_shares(self) -> np.ndarray:
+        """(ny, nx) share of each cell's contact at which the shape slips."""
         if self.motion is None:
-            return np.zeros(self.pressure_kpa.shape, bool)
+            return np.zeros(self.pressure_kpa.shape)
         pressure_mpa = 1e-3 * self.pressure_kpa
         limit = limit_mpa(self.motion.friction, self.owner, pressure_mpa, self.elastomer)
-        sizes = np.hypot(*self.motion.shear_mpa)
-        return (self.pressure_kpa > 0) & (sizes >= (1 - AT_LIMIT) * limit)
+        return partial_slip(self.motion.shear_mpa, limit)[0]
+
+    @property
+    def slipping(self) -> np.ndarray:
+        """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
+        return (self.pressure_kpa > 0) & (self.slip_shares == 1.0)
 
     @property
     def slip_share(self) -> float:
-        """Share of the cells in contact at which the shape slips."""
-        return float(self.slipping.sum() / max((self.pressure_kpa > 0).sum(), 1))
+        """Share of the area in contact at which the shape slips."""
+        return float(np.average(self.slip_shares, weights=self.equilibrium.cover))
 
 
 def limit_mpa(
