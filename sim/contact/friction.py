@@ -73,7 +73,7 @@ def solve_traction(
     limit_mpa: (rows, columns) largest traction, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess. bodies: with prescribed forces; the
     wanted displacement then lacks their rigid motions, which are written to the last array. own:
-    (rows, columns) additional compliance of each cell, whose displacement the result lacks.
+    (rows, columns) additional compliance of each cell.
     """
     limit = np.ascontiguousarray(limit_mpa, np.float32)
     inside = limit > 0
@@ -86,7 +86,7 @@ def solve_traction(
         layer.of(limit.shape), shear_work(limit.shape, 2), limit, own, wanted, bodies,
         1.0 / _compliance(layer, side), tolerance, q, displacement,
     )  # fmt: skip
-    return q.astype(float), (displacement - own * q).astype(float), residual <= tolerance
+    return q.astype(float), displacement.astype(float), residual <= tolerance
 
 
 def additional_compliance(
@@ -272,7 +272,7 @@ def _minimize(kernels, work, limit, own, wanted, bodies, length, tolerance, q, d
     gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
     # The first step is the projection of the initial guess.
     step_towards(q, gradient, limit, 1.0, bodies, direction)
-    _add(q, direction, 1.0)
+    q += direction
     respond(q, kernels, work, is_known, displacement)
     displacement += own * q
     scale = max(1e-9, np.abs(wanted).max(), has_bodies * np.abs(displacement).max())
@@ -294,24 +294,15 @@ def _minimize(kernels, work, limit, own, wanted, bodies, length, tolerance, q, d
         fraction = 1.0
         if energy + slope + curvature / 2 > energies.max():
             fraction = min(1.0, -slope / curvature)
-        _add(q, direction, fraction)
-        _add(gradient, moved, fraction)
+        q += np.float32(fraction) * direction
+        gradient += np.float32(fraction) * moved
         energy += fraction * slope + fraction**2 * curvature / 2
         energies[steps % STEPS_BACK] = energy
         length = square / max(curvature, 1e-30)
     if has_bodies:
-        _add(q, direction, 1.0)  # within the restrictions, as the steps before need not be
+        q += direction  # within the restrictions, as the steps before need not be
     displacement[:] = gradient + wanted
     return residual
-
-
-@compiled(nogil=True, **INNER)
-def _add(values, more, share):
-    share = np.float32(share)
-    for k in range(values.shape[0]):
-        for i in range(values.shape[1]):
-            for j in range(values.shape[2]):
-                values[k, i, j] += share * more[k, i, j]
 
 
 @compiled(nogil=True, **INNER)

@@ -405,23 +405,16 @@ def _multiply(spectrum, kernel, product):
 
 
 @compiled(inline="always")
-def _clear(values):
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            values[i, j] = 0.0
-
-
-@compiled(inline="always")
 def _to_nodes(pressure, first, taps, lines, nodes):
     """Write the pressure, (R, >= C), distributed to the nodes, (M, >= N); lines: (M, C) work."""
     per_node, columns = first.size, lines.shape[1]
-    _clear(lines)
+    lines.fill(0.0)
     for i in range(pressure.shape[0]):
         row, weights = i // per_node + first[i % per_node], taps[i % per_node]
         for t in range(4):
             for j in range(columns):
                 lines[row + t, j] += weights[t] * pressure[i, j]
-    _clear(nodes)
+    nodes.fill(0.0)
     for i in range(lines.shape[0]):
         for block in range(columns // per_node):
             for cell in range(per_node):

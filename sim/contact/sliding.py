@@ -96,9 +96,10 @@ class Slide:
 
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """The traction under the pressure of a contact; the displacement of a surface that sticks
-        to the shape, mm; whether the traction converged. predicts: for the contact before."""
+        to the shape, mm; by how much that of the part in contact exceeds the cell's mean, mm;
+        whether the traction converged. predicts: for the contact before."""
         limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
         spread, dome, guess = fields
         # The motion of the shape at the displaced points of the surface.
@@ -110,16 +111,17 @@ class Slide:
         follows = step.lateral_mm + rigid
         traction = np.zeros_like(guess)
         if not limit.any():  # without friction
-            return traction, follows, True
+            return traction, follows, traction, True
         near = window_around(dilated(limit > 0, 1))
         cover = normal.equilibrium.cover[step.window]
         own = additional_compliance(step.layer.middle, cover, guess, limit)
-        part, wanted = (slice(None), *near), follows - spread - dome + own * step.traction
+        follows += own * step.traction
+        part, wanted = (slice(None), *near), follows - spread - dome
         traction[part], _, converged = solve_traction(
             step.layer.middle, limit[near], wanted[part], guess[part],
             tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE, own=own[near],
         )  # fmt: skip
-        return traction, follows - own * (traction - step.traction), converged
+        return traction, follows, own * traction, converged
 
 
 def advance(
@@ -147,7 +149,10 @@ def step_contact(
 
     start: the motion of the contact before, with the friction of this step.
     """
-    window = _window(contact, start)
+    # That of the last step, if it is wide enough.
+    window, loaded = start.window, contact.pressure_kpa > 0
+    if window is None or _outside(dilated(loaded, KEPT_CELLS), window).any():
+        window = window_around(dilated(loaded, WINDOW_CELLS))
     while True:
         found = _step(contact, start, bodies, drive, window)
         outside = _outside(found.pressure_kpa > 0, window)
@@ -191,9 +196,10 @@ def _step(
             pressure_kpa[window] = 1e3 * pressure
             normal = replace(normal, pressure_kpa=pressure_kpa)
         spread = layer.spread_mm(pressure)
-        shear, follows, found = drive.traction(step, normal, (spread, dome, shear))
+        shear, follows, within, found = drive.traction(step, normal, (spread, dome, shear))
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
+        sheared[:2] += within
         if not pressure.any() or _outside(normal.pressure_kpa > 0, window).any():
             break  # the contact left the window
         error = unfolded(sheared, pitch) - seen
@@ -224,9 +230,10 @@ def _predicted(step: Step, start: Motion, drive: Drive, fields: Fields) -> tuple
     """The start of a step's rounds, from the contact before and its fields."""
     contact, window, pitch = step.contact, step.window, step.contact.pitch_mm
     spread, pressure = fields[0], 1e-3 * contact.pressure_kpa[window]
-    shear, follows, _ = drive.traction(step, contact, fields, predicts=True)
+    shear, follows, within, _ = drive.traction(step, contact, fields, predicts=True)
     travel = None if drive.prescribed else follows - step.lateral_mm
     seen, over = step.layer.response_mm(shear), _nearest_body(contact, window)
+    seen[:2] += within
     if travel is None:
         seen = moved(seen, means(follows - seen[:2] - spread, pressure, over), pitch, over)
     predicted = seen = unfolded(seen, pitch)
@@ -283,15 +290,6 @@ def _press(
             if halvings == MAX_HALVINGS or not seen.any():
                 raise
             seen, halvings = (possible + seen) / 2, halvings + 1
-
-
-def _window(contact: Contact, start: Motion) -> Window:
-    """The window of a step: that of the last one, if it is wide enough."""
-    loaded = contact.pressure_kpa > 0
-    near = dilated(loaded, KEPT_CELLS)
-    if start.window is not None and not _outside(near, start.window).any():
-        return start.window
-    return window_around(dilated(loaded, WINDOW_CELLS))
 
 
 def still_motion(contact: Contact, friction: tuple[Friction, ...]) -> Motion:
@@ -397,7 +395,7 @@ class _Push:
 
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """See Slide. A prediction starts from the pressure of the contact before."""
         contact, (rows, columns), loads = step.contact, step.window, self.loads
         spread, dome, guess = fields
@@ -412,11 +410,11 @@ class _Push:
         limit = limit_mpa([load.friction for load in loads], owner, pressure, contact.elastomer)
         traction, follows = np.zeros_like(guess), step.lateral_mm.copy()
         if not limit.any():
-            return traction, follows, True
+            return traction, follows, traction, True
         near = window_around(dilated(pressure > 0, 1))
-        part = (slice(None), *near)
-        cover, earlier = normal.equilibrium.cover[step.window], step.traction[part]
-        own = additional_compliance(step.layer.middle, cover, guess, limit)[near]
+        part, cover = (slice(None), *near), normal.equilibrium.cover[step.window]
+        own = additional_compliance(step.layer.middle, cover, guess, limit)
+        follows += own * step.traction
         before, limit = follows[part], np.ascontiguousarray(limit[near], np.float32)
         still = (0.0, 0.0, 0.0)
         given = np.array(
@@ -429,17 +427,18 @@ class _Push:
         loaded = np.ascontiguousarray(pressure[near], float)
         _place(given, loaded, limit, contact.pitch_mm, bodies, motions)
         traction[part], shifted_mm, converged = solve_traction(
-            step.layer.middle, limit, before - spread[part] - dome[part] + own * earlier,
-            guess[part], bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE, own,
+            step.layer.middle, limit, before - spread[part] - dome[part], guess[part],
+            bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE, own[near],
         )  # fmt: skip
         if not predicts:  # a surface that sticks to the bodies
             motions = np.where(slides[:, None], motions, rigid)
             now = shifted_mm + spread[part] + dome[part]
-            stuck = before - own * (traction[part] - earlier)
-            before = now if slides.all() else np.where(slides[owner], now, stuck)
+            before = now if slides.all() else np.where(slides[owner], now, before)
         # In a prediction, the contact moves with the bodies, less the change of the shear.
-        follows[part] = _with_motions(bodies, motions, before)
-        return traction, follows, converged
+        (center_x, center_y, radius), by_mm = levers[owner].T, motions[owner].T
+        by_mm = by_mm[:2] + by_mm[2] / radius * np.stack([center_y - y, x[:, None] - center_x])
+        follows[part] = before + np.where(owner < 0, 0.0, by_mm.transpose(0, 2, 1))
+        return traction, follows, own * traction, converged
 
 
 @compiled(nogil=True)
@@ -498,19 +497,3 @@ def _place(loads, pressure, limit, pitch, bodies, motions):
         for k in range(3):
             if slides[body]:
                 rigid[body, k] = (1 - share) * found[k] + share * ahead * motion[k]
-
-
-@compiled(nogil=True)
-def _with_motions(bodies, rigid, displacement):
-    """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
-    x, y, owner, levers, _, _, _ = bodies
-    found = np.empty(displacement.shape)
-    for i in range(y.size):
-        for j in range(x.size):
-            found[0, i, j], found[1, i, j] = displacement[0, i, j], displacement[1, i, j]
-            if owner[i, j] >= 0:
-                lever, motion = levers[owner[i, j]], rigid[owner[i, j]]
-                turn = motion[2] / lever[2]
-                found[0, i, j] += motion[0] - turn * (y[i] - lever[1])
-                found[1, i, j] += motion[1] + turn * (x[j] - lever[0])
-    return found
