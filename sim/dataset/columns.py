@@ -180,7 +180,7 @@ TABLE: tuple[tuple[Column, ...], ...] = (
         _contact(MOTION[2], "N", "tangential force along y", lambda c: float(c.shear_n[1])),
         _contact(MOTION[3], "N mm", "torque about the shape's origin, clockwise",
                  lambda c: c.torque_nmm),
-        _contact(MOTION[4], "", "share of the contact that slips", lambda c: c.slip_share),
+        _contact(MOTION[4], "", "share of the area in contact that slips", lambda c: c.slip_share),
     ),
 )  # fmt: skip
 """All columns in their order. The columns of a group come for the source, then for the target."""
