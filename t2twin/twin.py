@@ -32,9 +32,9 @@ class Twin:
     gel's modulus: a file written by `t2twin calibrate`. renderer: what renders the images: "baked"
     in milliseconds, or "pyrender" in seconds and without an optics file only. markers: printed on
     the gel, `t2twin.Markers`; True for the sensor's own.
-    layout, imperfections, cover: of taxel arrays. layout: a name ("cyskin-20", "cyskin-63") or a
-    JSON or CSV file. imperfections: the errors in a press with a seed, such as "none", "white" or
-    "recorded". gel, cover: the elastomers that are pressed.
+    layout, imperfections, cover: of taxel arrays. layout: a name ("cyskin-20", "cyskin-63"), a
+    JSON or CSV file, or a `Layout`. imperfections: the errors in a press with a seed, such as
+    "none", "white" or "recorded". gel, cover: the elastomers that are pressed.
     Several threads may use one twin at the same time.
     Raises T2TwinError for an invalid sensor, option or file, and for an option that neither sensor
     has.
@@ -43,7 +43,7 @@ class Twin:
     def __init__(
         self,
         optics: str | Path | None = None,
-        layout: str | Path | None = None,
+        layout: str | Path | Layout | None = None,
         imperfections: str | None = None,
         gel: Elastomer | None = None,
         cover: Elastomer | None = None,

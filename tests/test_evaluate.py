@@ -138,6 +138,10 @@ def test_both_splits_at_once(runs, data_dir, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "val, 12 pairs" in said and "test, 8 pairs" in said
     assert said.count(DIFFERENCE) == 2
+    evaluate(runs[:1], data_dir, "test", tmp_path)
+    assert not any((tmp_path / name).exists() for name in ("results.md", f"val/{METRICS}"))
+    evaluate_splits(runs[:1], data_dir, "both", tmp_path)
+    assert not (tmp_path / METRICS).exists() and (tmp_path / "val" / METRICS).is_file()
 
 
 def test_drawn_images_become_counts_and_tactile_images(runs, data_dir, phi, true, monkeypatch):

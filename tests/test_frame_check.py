@@ -67,6 +67,9 @@ def test_stored_frames_are_named_and_put_right(order: FrameOrder, tmp_path: Path
     np.testing.assert_allclose(counts[0], expected, rtol=1e-4, atol=0.01)
     with pytest.warns(T2TwinWarning, match="background frame is rotated"):
         t2twin.load().predict(own["image"], np.ascontiguousarray(np.rot90(own["background"])))
+    with pytest.warns(T2TwinWarning) as cropped:
+        t2twin.load().predict(own["image"][:200], own["background"])
+    assert not any("rotated" in str(each.message) for each in cropped)
 
 
 def test_a_run_gets_a_check_that_its_predictions_use(moving_dataset, tmp_path, monkeypatch):

@@ -40,7 +40,7 @@ from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_csv
-from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.layout import Layout, load_layout
 
 SHARES = (0.8, 0.1, 0.1)  # of train, val and test in a random split
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")  # of images
@@ -73,16 +73,18 @@ class Pair(Struct):
 
 
 def import_pairs(
-    source: str | Path, folder: str | Path, layout: Layout, full_scale: int | None = None,
-    seed: int = 0, sensors: SensorPair | None = None, order: FrameOrder = UPRIGHT,
+    source: str | Path, folder: str | Path, layout: str | Path | Layout,
+    full_scale: int | None = None, seed: int = 0, sensors: SensorPair | None = None,
+    order: FrameOrder = UPRIGHT,
 ) -> DatasetInfo:  # fmt: skip
     """Write a user's pairs as a dataset, atomically; returns its info.
 
-    source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
-    count at which they saturate; None for the target's. seed: of a random split. sensors: a gel
-    camera with the view of the images, and an array like the user's; None for the default ones.
-    order: of the images, which are stored upright; the info has it. Warns with T2TwinWarning of
-    images that are black, overexposed or without color, and of a size unlike the camera's.
+    source: a CSV or Parquet file, or a folder with one. layout: the user's taxels, by name,
+    file or Layout. full_scale: count at which they saturate; None for the target's. seed: of a
+    random split. sensors: a gel camera with the view of the images, and an array like the user's;
+    None for the default ones. order: of the images, which are stored upright; the info has it.
+    Warns with T2TwinWarning of images that are black, overexposed or without color, and of a size
+    unlike the camera's.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
@@ -96,7 +98,7 @@ def import_pairs(
             "one such file and its images"
         )
     folder = arguments.path(folder, "folder").absolute()
-    arguments.instance(layout, "layout", Layout)
+    layout = load_layout(layout)
     sensors = arguments.instance(sensors or SensorPair(), "sensors", SensorPair)
     full_scale = sensors.array.full_scale if full_scale is None else full_scale
     arguments.whole_number(full_scale, "full_scale", 1, MAX_COUNTS)

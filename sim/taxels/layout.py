@@ -119,14 +119,18 @@ def layout_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in LAYOUTS.glob("*.json")))
 
 
-def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:
-    """A layout by its name, or from a JSON or CSV file. folder: that a relative path starts from;
-    None for the working directory.
+def load_layout(source: str | Path | Layout = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:
+    """A layout by its name, from a JSON or CSV file, or as it is, checked.
+
+    folder: that a relative path starts from; None for the working directory.
 
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}, with REMARKS; CSV:
     columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else, and
     warns, as check_layout.
     """
+    if isinstance(source, Layout):
+        check_layout(source)
+        return source
     path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     base = Path() if folder is None else arguments.path(folder, "folder")
     if not path.exists():

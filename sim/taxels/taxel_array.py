@@ -46,7 +46,7 @@ class TaxelArray:
 
     spec: TaxelArraySpec
     folder: str = ""  # of the sensor's file
-    layout_source: str | None = None  # a layout's name or file in place of the file's
+    given_layout: Layout | None = None  # in place of the file's
     imperfections: str | None = None  # name of the file's; None for "white" or "none"
     dead: tuple[int, ...] = ()  # indices of taxels that always count 0
     cover: Elastomer | None = None  # pressed in place of the file's
@@ -56,14 +56,11 @@ class TaxelArray:
     def __post_init__(self) -> None:
         if self.cover is not None:
             arguments.instance(self.cover, "cover", Elastomer)
-        if self.layout_source is None:
-            layout = self.spec.layout.layout(self.name, self.folder)
-        else:
-            layout = load_layout(self.layout_source)
+        layout = self.given_layout or self.spec.layout.layout(self.name, self.folder)
         object.__setattr__(self, "layout", layout)
         self._check_weights(layout.size, "taxels")
         check_within(layout, *reach_mm(self.elastomer, self.pitch_mm))
-        if (self.layout_source, self.cover) == (None, None):
+        if (self.given_layout, self.cover) == (None, None):
             self._check_file()
         presets, name = self.spec.imperfections, self.imperfections
         if name is None:
@@ -175,7 +172,7 @@ class TaxelArray:
         """The same sensor with some of OPTIONS, by name; None keeps the present value."""
         given = {name: value for name, value in options.items() if value is not None}
         if "layout" in given:
-            given["layout_source"] = str(arguments.path(given.pop("layout"), "layout"))
+            given["given_layout"] = load_layout(given.pop("layout"))
         return replace(self, **given)
 
     def for_dataset(self) -> "TaxelArray":

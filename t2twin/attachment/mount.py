@@ -25,6 +25,7 @@ from t2twin.sim.contact.layer import prepare_shear
 from t2twin.sim.contact.mujoco_contact import prepare_models
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sensors.files import Sensor, load_sensor
+from t2twin.sim.taxels.layout import Layout
 
 CONDIM = 4  # dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal
 # Contact parameters of a sensor's geom, see MuJoCo's manual, Modeling, Solver parameters (assumed:
@@ -56,7 +57,7 @@ def attach(
     quat: Sequence[float] | np.ndarray = (1.0, 0.0, 0.0, 0.0),
     name: str | None = None,
     optics: str | Path | None = None,
-    layout: str | Path | None = None,
+    layout: str | Path | Layout | None = None,
     imperfections: str | None = None,
     markers: Markers | bool | None = None,
     friction: float | None = None,

@@ -132,9 +132,7 @@ def import_pairs(
     """
     import t2twin
 
-    info = t2twin.import_pairs(
-        source, out, t2twin.load_layout(layout), full_scale, seed, order=order
-    )
+    info = t2twin.import_pairs(source, out, layout, full_scale, seed, order=order)
     print(f"{_pairs(info)} pairs in {out}")
 
 

@@ -164,8 +164,8 @@ class PredictionOptions:
         run: Folder of a trained run, or name of a pretrained run. A folder called field is ./field.
         layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
             Default: the run's own.
-        bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
-            hundreds.
+        bf16: Compute in bfloat16 if the run's preset and the processor support it: faster, counts
+            differ by up to some hundreds.
         background: Background frame of the same sensor, for a field run. Default: the mean
             background frame of its training.
     """

@@ -180,7 +180,8 @@ def check_own(
 
 def record_own(folder: Path, kind: str, digests: dict[str, list[str]]) -> None:
     """Record the SHA-256 of the files of a result, by name, for `check_own`."""
-    write_json(folder / OWN, _records(folder) | {kind: digests})
+    records = {n: each for n, each in (_records(folder) | {kind: digests}).items() if each}
+    write_json(folder / OWN, records) if records else _remove(folder / OWN)
 
 
 def _records(folder: Path) -> dict[str, dict[str, list[str]]]:

@@ -119,11 +119,6 @@ def fault_of(image: np.ndarray, colored: bool) -> str | None:
     return COLORLESS if colored and _color_grey(image) < COLORLESS_GREY else None
 
 
-def is_wide(image: np.ndarray) -> bool:
-    """Whether an image, (h, w, c) or (h, w), is wider than high."""
-    return image.shape[1] > image.shape[0]
-
-
 def is_noise(frame: np.ndarray) -> bool:
     """Whether a frame at its own size, (h, w, c) or (h, w) uint8, is noise."""
     left, right = frame[:, :-1], frame[:, 1:]

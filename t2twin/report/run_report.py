@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
 from t2twin.core.draw import COLORS, Panel, figure, panels_image
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import sha256_of
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
@@ -122,6 +122,10 @@ def read_report_data(
     loaded = [load_run(run) for run in runs]
     names = run_names(loaded)
     found = {s: _find_or_evaluate(loaded, names, data, s, out, evaluation) for s in splits}
+    unused = [s for s, each in found.items() if evaluation and each[0] != evaluation / s]
+    if unused:
+        said = f"{evaluation} is not used for {' and '.join(unused)}: it has no evaluation of these"
+        warn(f"{said} runs, in this order, with their present weights, on {data}")
     return ReportData(
         **vars(dataset),
         runs=dict(zip(names, loaded, strict=True)),

@@ -145,7 +145,12 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
     """
     force_n = np.concatenate([pairs.force_n, train.force_n])
     single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES
-    low_n, trained_n = (_low_edges_n(each.force_n, single) for each in (pairs, train))
+    edges_n = force_n.astype(float).round(DECIMALS)
+    if not single:
+        steps = np.floor(BINS_PER_DOUBLING * np.log2(force_n[force_n > 0]))
+        edges_n = np.where(np.isnan(force_n), np.nan, 0.0)
+        edges_n[force_n > 0] = 2.0 ** (steps / BINS_PER_DOUBLING)
+    low_n, trained_n = np.split(edges_n, [len(pairs)])  # NaN for unknown forces
     high_n = low_n if single else low_n * 2 ** (1 / BINS_PER_DOUBLING)
     bins = pd.DataFrame({"low_n": low_n, "high_n": high_n, "mean_of": "training"})
     arrays = np.tile(train.counts.mean(axis=0, dtype=float), (len(pairs), 1)).astype(np.float32)
@@ -156,17 +161,6 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
             counts = pairs.counts[members]
         arrays[members] = counts.mean(axis=0, dtype=float)
     return bins, arrays
-
-
-def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
-    """(P,) lower edge of each press's bin, N; NaN for unknown forces."""
-    if single:
-        return force_n.astype(float).round(DECIMALS)
-    low = np.where(np.isnan(force_n), np.nan, 0.0)
-    touching = force_n > 0
-    steps = np.floor(BINS_PER_DOUBLING * np.log2(force_n[touching]))
-    low[touching] = 2.0 ** (steps / BINS_PER_DOUBLING)
-    return low
 
 
 def predict_baselines(

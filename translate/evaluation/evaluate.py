@@ -6,6 +6,7 @@ Shape letters: P pairs, N taxels, S side and c channels of a picture.
 import zipfile
 import zlib
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,7 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
-from t2twin.core.files import result_folder, sha256_of, write_json
+from t2twin.core.files import check_own, result_folder, sha256_of, write_json
 from t2twin.core.tables import markdown
 from t2twin.sim.dataset.info import COUNTS, IMAGE, CameraInfo, DatasetInfo
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
@@ -107,8 +108,8 @@ def prepare(
         own = run.config.data
         if own.direction != first.direction:
             raise T2TwinError(
-                f"{loaded[0].name} is a {first.direction} run and {run.name} a "
-                f"{own.direction} run; evaluate runs of one direction together"
+                f"{loaded[0].name} predicts {first.direction} and {run.name} {own.direction}; "
+                "evaluate runs of one direction together"
             )
         gives = run.config.is_image_to_counts or own.target.fits(info.target)
         if own.direction != info.direction or not own.source.fits(info.source) or not gives:
@@ -304,12 +305,6 @@ class Predictions:
         """RMSE of each pair, over its taxels: (P,), counts."""
         return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
 
-    def save(self, folder: Path) -> None:
-        """Writes folder/predictions.npz."""
-        stds = {f"{STD}{name}": each for name, each in self.std_by_model.items()}
-        arrays = {TRUTH: self.truth} | self.by_model | stds | self.presses
-        np.savez_compressed(folder / PREDICTIONS, allow_pickle=False, **arrays)
-
 
 def read_predictions(folder: Path) -> Predictions:
     """The predictions of an evaluation's folder; an error if the file is missing or damaged."""
@@ -362,18 +357,24 @@ def evaluate_splits(
     is_both = split == BOTH
     splits = splits_with_pairs(data_dir) if is_both else (split,)
     inputs = prepare(runs, data_dir, splits, background)
-    evaluations = {}
-    for each in splits:
-        folder = out_dir / each if is_both else out_dir
-        with result_folder(folder, KIND, [PREDICTIONS, METRICS]) as temporary:
-            cache = usable_cache(inputs.data_dir, folder)
-            evaluations[each], predictions = _evaluate(inputs, each, cache)
-            predictions.save(temporary)
-            write_json(temporary / METRICS, msgspec.to_builtins(evaluations[each]))
-    if is_both:
-        with result_folder(out_dir, RESULTS) as temporary:
+    evaluations, files = {}, [PREDICTIONS, METRICS]
+    was_both = RESULTS in check_own(out_dir, (), KIND)
+    with result_folder(out_dir, KIND, [RESULTS] if is_both else files) as whole:
+        for each in splits:
+            folder = out_dir / each if is_both else out_dir
+            with result_folder(folder, KIND, files) if is_both else nullcontext(whole) as temporary:
+                cache = usable_cache(inputs.data_dir, folder)
+                evaluations[each], found = _evaluate(inputs, each, cache)
+                stds = {f"{STD}{name}": values for name, values in found.std_by_model.items()}
+                arrays = {TRUTH: found.truth} | found.by_model | stds | found.presses
+                np.savez_compressed(temporary / PREDICTIONS, allow_pickle=False, **arrays)
+                write_json(temporary / METRICS, msgspec.to_builtins(evaluations[each]))
+        if is_both:
             tables = map(markdown, results_tables(evaluations))
-            (temporary / RESULTS).write_text("\n".join(tables), encoding="utf-8")
+            (whole / RESULTS).write_text("\n".join(tables), encoding="utf-8")
+    for each in {*SPLITS} - {*(splits if is_both else ())} if was_both else ():
+        with result_folder(out_dir / each, KIND):
+            pass  # without new files, the earlier ones are removed
     return evaluations
 
 

@@ -99,7 +99,13 @@ def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -
     for split, one in evaluations.items():
         for run, row in one.runs.items():
             title = f"{name(run)}, {name(split)}"
-            for part, values in _outputs(row).items():
+            sure = row.uncertainty and {"pairs": row.overall["pairs"]} | row.uncertainty.figures
+            by_motion = {f"{kind} pairs": values for kind, values in (row.by_motion or {}).items()}
+            found = {"uncertainty": sure, **by_motion, "shear force": row.shear}
+            found["contact in the view"] = row.contact
+            for part, values in found.items():
+                if values is None:
+                    continue
                 pairs = f"{values['pairs']:,}"
                 for metric, value in values.items():
                     shown = f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
@@ -153,10 +159,11 @@ def counts_form(full_scale: float) -> str:
 
 def _notes(one: Evaluation, name: Callable[[str], str]) -> Iterator[str]:
     """Sentences on intervals, training data, backgrounds, the paper."""
-    yield (
-        f"In brackets: the {100 * CONFIDENCE:.0f} % interval, by bootstrap over the {one.shapes} "
-        "shapes."
-    )
+    if one.shapes > 1:
+        yield (
+            f"In brackets: the {100 * CONFIDENCE:.0f} % interval, by bootstrap over the "
+            f"{one.shapes} shapes."
+        )
     if one.pictures is not None:
         yield f"The images of {one.target} are compared at {one.pictures}."
         if one.background is None:
@@ -177,15 +184,6 @@ def training_data(row: ModelRow) -> str:
         for number in (row.trained_pairs, row.trained_steps)
     )
     return f"{row.trained_recipe or unnamed}, {pairs} pairs, {steps} steps"
-
-
-def _outputs(row: ModelRow) -> dict[str, Figures]:
-    """The figures of the further outputs of a run, by output."""
-    sure = row.uncertainty and {"pairs": row.overall["pairs"]} | row.uncertainty.figures
-    by_motion = {f"{kind} pairs": values for kind, values in (row.by_motion or {}).items()}
-    found = {"uncertainty": sure, **by_motion, "shear force": row.shear}
-    found["contact in the view"] = row.contact
-    return {name: values for name, values in found.items() if values is not None}
 
 
 def _force_table(evaluation: Evaluation, name: Callable[[str], str]) -> Table:

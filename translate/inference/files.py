@@ -28,6 +28,7 @@ from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
+from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import read_image
 from t2twin.translate.inference.estimate import (
     DIFFERENCES,
@@ -107,7 +108,7 @@ def _batches(
 
 def translate_images(
     paths: Sequence[str | Path], out_dir: str | Path, run: str | Path = DEFAULT_RUN,
-    layout: str | Path | None = None, png: bool = True, bf16: bool = False,
+    layout: str | Path | Layout | None = None, png: bool = True, bf16: bool = False,
     background: str | Path | None = None, order: FrameOrder = UPRIGHT,
 ) -> np.ndarray:  # fmt: skip
     """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
@@ -119,8 +120,7 @@ def translate_images(
     16-bit. order: how they and the background frame are stored; by default upright, rows along the
     sensor's length. PNG files have the names of their inputs; for
     equal names the second is `press-2.png`. run: a folder that `train` wrote, or the name of a
-    pretrained run. layout: name or file of a taxel layout that a touch2touch or field run is read
-    at, by default its own. png: False writes no PNG files, which is faster. bf16: as for `load`.
+    pretrained run. layout, bf16: as for `load`. png: False writes no PNG files, which is faster.
     background: image file of the background frame of the same sensor, for a field run; by default
     the mean frame of its dataset.
     Files of an earlier translation in the folder are removed. Returns the counts, (B, N)
@@ -135,11 +135,8 @@ def translate_images(
     frame = background and read_image(background, order)
     names = output_names(images) if arguments.flag(png, "png") else []
     predictor = load_run(run, layout, bf16)
-    array, found, given = (
-        predictor.config.data.array,
-        [],
-        [*images, *map(Path, filter(None, (background, layout)))],
-    )
+    array, found = predictor.config.data.array, []
+    given = [*images, *(Path(e) for e in (background, layout) if isinstance(e, str | Path))]
     with (
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,

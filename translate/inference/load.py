@@ -26,10 +26,10 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.inference.predictor import COUNTS, Compute, TrainedTranslator
 from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, FromPixels
 from t2twin.translate.models.field import CENTER, MAPS
@@ -75,26 +75,28 @@ def fold_batchnorm(network: nn.Module) -> None:
 
 def load(
     run: str | Path = DEFAULT_RUN,
-    layout: str | Path | None = None,
+    layout: str | Path | Layout | None = None,
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
 ) -> TrainedTranslator:
     """A run with its best weights.
 
-    run: its folder, or the name of a pretrained run. layout: name or file of a taxel layout that a
-    touch2touch or field run is read at, by default its own. bf16: compute in bfloat16 if the run's
-    preset and the processor support it, which is faster and changes counts by up to some hundreds.
-    engine: computes counts: "onnx" (ONNX Runtime) or "torch". The default is ONNX Runtime if the
-    extra t2twin[onnx] is installed, the run computes in float32 on the CPU, and the cache is
-    writable; counts differ by less than one. torch's threads and random numbers do not change.
+    run: its folder, or the name of a pretrained run. layout: a taxel layout (name, file or Layout)
+    that a touch2touch or field run is read at, by default its own. bf16: compute in bfloat16, which
+    is faster and changes counts by up to some hundreds; warns if the run's preset or the processor
+    does not support it. engine: computes counts: "onnx" (ONNX Runtime) or "torch". The default is
+    ONNX Runtime if the extra t2twin[onnx] is installed, the run computes in float32 on the CPU, and
+    the cache is writable; counts differ by less than one. torch's threads do not change.
     Raises T2TwinError for a folder that is not a run, a layout that it cannot be read at, an
     unknown engine, and "onnx" if it is not available.
     """
     if engine is not None:
         arguments.choice(engine, "engine", ("onnx", "torch"))
-    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
-    config = load_config(run_dir)
-    translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
+    config = load_config(run_dir := resolve_run(run))
+    is_bf16 = arguments.flag(bf16, "bf16") and config.preset.bf16 and has_bf16()
+    if bf16 and not is_bf16:
+        warn(f"bf16 has no effect: the preset of {run} or the processor does not support it")
+    translator = build(structs.replace(config, bf16=is_bf16))
     load_weights(run_dir / BEST, translator.predictor)
     fold_batchnorm(translator.predictor)
     predictor = TrainedTranslator(run_dir, config, translator)
@@ -102,7 +104,7 @@ def load(
         predictor = predictor.need_counts("a layout").at_layout(load_layout(layout))
     if engine == "torch":
         return predictor
-    is_float32_on_cpu = translator.device.type == "cpu" and not bf16
+    is_float32_on_cpu = translator.device.type == "cpu" and not is_bf16
     obstacles = {
         f"it {NEEDS_ONNX}": not all(map(find_spec, ONNX)),
         "it is used for counts from images": not config.is_image_to_counts,
@@ -118,20 +120,23 @@ def load(
 
 
 def load_run(
-    run: str | Path, layout: str | Path | None = None, bf16: bool = False
+    run: str | Path, layout: str | Path | Layout | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
     return load(run, layout, bf16, "torch").need_counts("a prediction of counts")
 
 
-def export_onnx(run: TrainedTranslator, path: str | Path, force: bool = False) -> float:
+def export_onnx(
+    run: TrainedTranslator | str | Path, path: str | Path, force: bool = False
+) -> float:
     """Writes a run at its layout as an ONNX file, and compares the two on random images.
 
-    force: replace an existing file. Returns the largest difference of counts between ONNX Runtime
-    and the run. Raises T2TwinError for a run without counts, if onnx or onnxruntime is not
-    installed, and for a difference above PARITY_COUNTS.
+    run: as `load` returns or takes it. force: replace an existing file. Returns the largest
+    difference of counts between ONNX Runtime and the run. Raises T2TwinError for a run without
+    counts, if onnx or onnxruntime is not installed, and for a difference above PARITY_COUNTS.
     """
-    run, path = arguments.instance(run, "run", TrainedTranslator), arguments.path(path, "path")
+    run = run if isinstance(run, TrainedTranslator) else load_run(run)
+    path = arguments.path(path, "path")
     if path.suffix.lower() not in ("", ".onnx"):  # libraries read other formats by their suffixes
         raise T2TwinError(f"{path} is no name of an ONNX file; expected one that ends in .onnx")
     own = [run.run_dir / name for name in (BEST, CONFIG, FRAME_CHECK)]

@@ -21,7 +21,7 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.frame_order import TURNS_DEG, UPRIGHT, FrameOrder
-from t2twin.core.images import fault_of, is_colored, is_noise, is_wide
+from t2twin.core.images import fault_of, is_colored, is_noise
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, normalized
 from t2twin.sim.sensors.files import load_sensor
@@ -55,6 +55,7 @@ from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import HOME, RunConfig
 from t2twin.translate.uncertainty.ood import (
+    ASPECT_TOLERANCE,
     INVERSE_TRANSFORMS,
     MAX_BACKGROUNDS,
     OODClass,
@@ -267,6 +268,7 @@ class TrainedTranslator:
     ) -> Estimate:  # fmt: skip
         """As `estimate`, without a warning: the caller reports `ood_class`."""
         self.need_counts("estimate")
+        contact, tactile = arguments.flag(contact, "contact"), arguments.flag(tactile, "tactile")
         if contact and not self.need_uncertainty("the contact").predicts_contact:
             raise T2TwinError(
                 f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
@@ -409,39 +411,36 @@ class TrainedTranslator:
 
     def stored(
         self, classes: Sequence[OODClass], background: np.ndarray | None,
-        images: Sequence[np.ndarray | Path], order: FrameOrder = UPRIGHT,
+        images: Sequence[np.ndarray | Path], order: FrameOrder | None = None,
     ) -> str | None:  # fmt: skip
         """The warning for images that are probably stored in another order; None if they are not.
 
-        classes, images: all of one unit, as arrays or as files, which are read in an order.
+        classes, images: all of one unit, as arrays, or as files that are read in the order.
         """
         wrong = [n for n, each in enumerate(classes) if each.inside is False]
         image = images[wrong[0]] if wrong else None
-        image = read_image(image, order) if isinstance(image, Path) else image
+        image = read_image(image, order or UPRIGHT) if isinstance(image, Path) else image
         frame = image if background is None else background
-        if image is not None and frame is not None and is_wide(image) != is_wide(frame):
-            return "the background frame is rotated against the images; store both in one order"
+        if image is not None and frame is not None:
+            (high, wide), (rows, columns) = image.shape[:2], frame.shape[:2]
+            is_turned = abs(wide * columns / (high * rows) - 1.0) <= ASPECT_TOLERANCE
+            if is_turned and (wide > high) != (columns > rows):
+                return "the background frame is rotated against the images; store both in one order"
         kinds = {*classes} & {*INVERSE_TRANSFORMS, *VAGUE[1:], OODClass.OTHER_ORDER}
-        found = UPRIGHT if frame is None else self.order_of(frame, LIKELY if kinds else CLEAR)
-        if found == UPRIGHT:
+        if frame is None:
             return None
+        pixels, is_of_noise = self._small(frame)
+        found, more = (UPRIGHT, 0.0) if is_of_noise else self._order(pixels.tobytes())
+        if more <= (LIKELY if kinds else CLEAR):
+            return None
+        if order is None:
+            return f"the frames are probably not upright; pass {found!r}.upright(frame) of each"
         if order != UPRIGHT:
             return f"the frames are probably not stored in the order {order}"
         return (
             f"the frames are probably stored in the order {found} (options of commands; "
             "FrameOrder of functions)"
         )
-
-    def order_of(self, frame: np.ndarray, least: float = CLEAR) -> FrameOrder:
-        """How a frame is probably stored, (h, w) or (h, w, 3) uint8; best a background frame.
-
-        In this order it is most like the upright frames of the training, to the frame check.
-        UPRIGHT where the logarithm of the odds exceeds that of UPRIGHT by less than `least`, of
-        noise, and of a run without a frame check.
-        """
-        pixels, is_of_noise = self._small(frame)
-        order, more = (UPRIGHT, 0.0) if is_of_noise else self._order(pixels.tobytes())
-        return order if more > least else UPRIGHT
 
     @cached_property
     def _small(self) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:

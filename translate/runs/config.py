@@ -136,7 +136,8 @@ def load_config(run_dir: Path) -> RunConfig:
     format, and for missing or invalid fields."""
     path = run_dir / CONFIG
     if not path.is_file():
-        raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
+        found = f"{run_dir} has no {CONFIG}" if run_dir.exists() else f"there is no run {run_dir}"
+        raise T2TwinError(f"{found}; give a folder that `train` has made")
     return read_json(path, RunConfig, FORMAT)
 
 

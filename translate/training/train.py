@@ -144,6 +144,7 @@ def train(
     if minutes is not None and arguments.number(minutes, "minutes") <= 0:
         raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
     check_seed(seed)
+    frame_check = arguments.flag(frame_check, "frame_check")
     settings, name = for_steps(presets.find_preset(model, preset), steps), cast(Model, model)
     reverse = presets.is_reverse(direction, **read_info(data_dir).values)
     info = load_info(data_dir, reverse)
@@ -538,8 +539,9 @@ class Trainer:
             f"validated on {len(self.validation)}, {counted(config.planned_epochs, 'epoch')} of "
             f"{counted(self.steps, 'step')}, {config.precision} on {device}, "
             f"{counted(config.processes, 'process', 'processes')} of "
-            f"{counted(torch.get_num_threads(), 'thread')}. At most {seconds / 60:.1f} minutes; it "
-            f"stops after {counted(config.preset.patience, 'epoch')} without a better validation.",
+            f"{counted(torch.get_num_threads(), 'thread')}. At most {max(0.1, seconds / 60):.1f} "
+            f"minutes; it stops after {counted(config.preset.patience, 'epoch')} without a better "
+            "validation.",
             flush=True,
         )
 
@@ -583,9 +585,13 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     """
     run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
     config = load_config(run_dir)
-    trained_on = config.contact_data or config.data.sha256
-    own = [folder for folder in folders if load_info(folder).sha256 == trained_on]
-    if not own:
+    folder_of: dict[str, Path] = {}
+    for folder in folders:
+        first = folder_of.setdefault(load_info(folder).sha256, folder)
+        if first is not folder:
+            raise T2TwinError(f"{first} and {folder} are the same dataset; give it once")
+    own = folder_of.get(config.contact_data or config.data.sha256)
+    if own is None:
         raise T2TwinError(
             f"the dataset that {run_dir} was trained on is missing; give it with the others"
         )
@@ -605,8 +611,8 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         checkpoint.save_weights(run_dir / BEST, translator.predictor.state_dict())
         if config.data.has_contact:
             fit_agreement(run_dir, *samples)
-        fit_frame_check(run_dir, own[0])
-        write_card(run_dir, own[0])
+        fit_frame_check(run_dir, own)
+        write_card(run_dir, own)
     return sum(map(len, samples))
 
 
