@@ -108,7 +108,8 @@ def touches_along(
 ) -> Iterator[Touch]:  # fmt: skip
     """The touches of a path, one for each command; rng, only: as for `SensorPair.press`.
 
-    Raises T2TwinError as `solve_contact`, before the first slide if a row leaves a pad.
+    Raises T2TwinError as `solve_contact`, before the first slide if no part of the shape would lie
+    over a pad in some row.
     """
     touch, is_checked = None, False
     for number, command in enumerate(commands, start=1):

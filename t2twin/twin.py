@@ -138,7 +138,7 @@ class Twin:
         shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
         Warns as `press` does, once of each limit.
         Raises T2TwinError for invalid numbers, for a touch without contact or of other sensors,
-        gels or covers, where nothing changes, and where the shape leaves a pad.
+        gels or covers, and where nothing changes. Some part of the shape must lie over each pad.
         """
         law = None if friction is None else Friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
@@ -180,7 +180,8 @@ class Twin:
         contact, and the next row with a force is a press without tangential traction.
         shape, scale, center, seed, tilt_x_deg, tilt_y_deg: as for `press`. friction: as for
         `slide`. Warns as `slide` does.
-        Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
+        Raises T2TwinError for an invalid shape, path or number. Some part of the shape must
+        lie over each pad in every row.
         """
         given = Press("", tilt_x_deg=tilt_x_deg, tilt_y_deg=tilt_y_deg, seed=seed)
         law, rng = None if friction is None else Friction(friction), given.rng

@@ -42,7 +42,7 @@ def test_subscribers_receive_each_line() -> None:
     address = f"ipc://{Path('socket').resolve()}"
     context = zmq.Context()
     subscriber = context.socket(zmq.SUB)
-    with published(address) as publish:
+    with published(address, print) as publish:
         subscriber.connect(address)
         subscriber.subscribe("")
         while not subscriber.poll(10):  # a subscription takes effect after a while
@@ -52,11 +52,11 @@ def test_subscribers_receive_each_line() -> None:
 
 
 @pytest.mark.parametrize("address", ["", "tcp://256.0.0.1:1", "tcp://127.0.0.1:99999"])
-def test_an_invalid_address_is_one_sentence(address: str) -> None:
+def test_bad_addresses_are_refused(address: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(T2TwinError, match="cannot be bound"):
-        published(address).__enter__()
-    with published("tcp://127.0.0.1:*"):
-        pass
+        published(address, print).__enter__()
+    with published("tcp://127.0.0.1:*", print):
+        assert "at tcp://127.0.0.1:" in capsys.readouterr().out
 
 
 def test_a_touch_is_recorded(rerun: MagicMock) -> None:
@@ -101,7 +101,7 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[rerun\]'"):
         RerunLog(Path("a.rrd"))
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[zmq\]'"):
-        published("tcp://127.0.0.1:5555").__enter__()
+        published("tcp://127.0.0.1:5555", print).__enter__()
 
 
 class Node:

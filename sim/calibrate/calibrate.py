@@ -601,7 +601,8 @@ def calibrate(
     """Fit the presses, score on the last held_out by name (a third of the places), then fit all.
 
     background: a background frame. presses: folder of frames of a ball, in the size of the sensor's
-    images, PNG or JPEG, and optionally `forces.csv` (see measurements). camera: its scale and
+    images, PNG or JPEG, and optionally `forces.csv` (see measurements). ball_diameter_mm: of all
+    presses without a diameter in it. held_out: number of held-out presses. camera: its scale and
     distance; None for those of the sensor; measured displacements replace the scale. report: called
     with progress messages. tolerance: of the inputs; None skips the uncertainty, which takes most
     of the time, and the gel's modulus. sensor: a gel camera, by name or file; its record has the
@@ -648,7 +649,8 @@ def guess_light(
 
     background: a background frame, in the size of the sensor's images, PNG or JPEG, whose noise is
     kept. camera: scale and distance, which a frame does not determine; None for those of the
-    sensor. Others: as for `calibrate`. Printed markers are filled in, with a T2TwinWarning.
+    sensor. report, sensor, order: as for `calibrate`.
+    Printed markers are filled in, with a T2TwinWarning.
     Raises T2TwinError for an invalid frame, and for a sensor whose units cannot be sampled.
     """
     own, camera = sensor_and_camera(sensor, camera)

@@ -104,7 +104,7 @@ def make_dataset(
         if workers is not None:
             raise T2TwinError("workers and a scheduler are both given; its workers make the shards")
         _distributed()
-    for name in arguments.texts(shapes, "shapes"):
+    for name in arguments.objects(shapes, "shapes", str):
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
     only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)

@@ -360,8 +360,8 @@ def bundled_recipes() -> tuple[str, ...]:
 def load_recipe(source: str | Path) -> Recipe:
     """A bundled recipe by its name, or a recipe from a TOML file.
 
-    Raises T2TwinError for an unknown name, an unreadable file, and a missing, unknown or invalid
-    field.
+    source: its name or path. Raises T2TwinError for an unknown name, an unreadable file, and a
+    missing, unknown or invalid field.
     """
     path = arguments.path(source, "recipe")
     if str(source) in bundled_recipes():

@@ -122,8 +122,8 @@ def layout_names() -> tuple[str, ...]:
 def load_layout(source: str | Path | Layout = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:
     """A layout by its name, from a JSON or CSV file, or as it is, checked.
 
-    folder: that a relative path starts from; None for the working directory.
-
+    source: its name, its path, or a Layout. folder: that a relative path starts from; None for the
+    working directory.
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}, with REMARKS; CSV:
     columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else, and
     warns, as check_layout.

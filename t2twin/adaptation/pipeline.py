@@ -152,12 +152,12 @@ def adapt(
     trained one, a field run with weights averaged with those of init_from, or a copy of init_from
     if that is more accurate on the held-out presses.
 
-    Arguments that `calibrate` has: as for it. minutes: approximate duration of all steps on two
-    cores, 1 to 6000. model: trained with the preset cpu; a field run changes little from its
-    initial run. init_from: run that initializes the training; by default the pretrained run of the
-    model for images of the sensor's size, if there is one. workers: processes that press; by
-    default one per core. Raises T2TwinError, before anything is written, for invalid arguments and
-    for a folder with other content.
+    background, presses, ball_diameter_mm, held_out, camera, report, tolerance, sensor, order: as
+    for `calibrate`. minutes: approximate duration of all steps on two cores, 1 to 6000. model:
+    trained with the preset cpu; a field run changes little from its initial run. init_from: run
+    that initializes the training; by default the pretrained run of the model for images of the
+    sensor's size, if there is one. workers: processes that press; by default one per core. Raises
+    T2TwinError, before anything is written, for invalid arguments and a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")

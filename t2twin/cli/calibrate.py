@@ -50,16 +50,16 @@ class FitOptions:
     @property
     def own_tolerances(self) -> dict[str, float]:
         """The given tolerances, by the name of the option."""
-        options = {name: value for name, value in vars(self).items() if "_tolerance_" in name}
-        return {name: value for name, value in options.items() if value is not None}
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return {name: value for name, value in given.items() if "_tolerance_" in name}
 
     @property
     def tolerance(self) -> "Tolerance":
         """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
         from t2twin.sim.calibrate.calibrate import Tolerance
 
-        given = self.own_tolerances
-        return Tolerance(**{name.replace("_tolerance", ""): given[name] for name in given})
+        given = self.own_tolerances.items()
+        return Tolerance(**{name.replace("_tolerance", ""): value for name, value in given})
 
     @property
     def camera(self) -> "Camera":

@@ -244,8 +244,8 @@ def live(
 ) -> None:
     """Translate frames as they arrive; print a line of JSON with the counts for each.
 
-    Frames that arrive during a translation are dropped, except the latest. Rate and latency are
-    printed on standard error.
+    Frames that arrive during a translation are dropped, except the latest. Rate, latency and the
+    address of --zmq are printed on standard error.
 
     Args:
         source: Camera number, video file, or folder in which PNG or JPEG files appear.
@@ -265,7 +265,7 @@ def live(
     with ExitStack() as stack:
         outputs = []
         if zmq is not None:
-            outputs.append(stack.enter_context(published(zmq)))
+            outputs.append(stack.enter_context(published(zmq, _report)))
         if rerun is not None:
             outputs.append(stack.enter_context(recorded(rerun)))
         follow(

@@ -93,11 +93,6 @@ def paths(values: object, name: str) -> list[Path]:
     return [path(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name))]
 
 
-def texts(values: object, name: str) -> list[str]:
-    """A list or a tuple of str."""
-    return [text(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name))]
-
-
 def text(value: object, name: str) -> str:
     """A str."""
     return instance(value, name, str)

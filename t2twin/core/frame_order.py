@@ -29,10 +29,9 @@ class FrameOrder:
         if [*map(type, (self.turn_deg, self.mirror, self.bgr))] != [int, bool, bool]:
             from t2twin.core import arguments  # slow to import
 
-            for name in ("mirror", "bgr"):
-                object.__setattr__(self, name, arguments.flag(getattr(self, name), name))
-            turn_deg = arguments.whole_number(self.turn_deg, "turn_deg")
-            object.__setattr__(self, "turn_deg", turn_deg)
+            checks = arguments.whole_number, arguments.flag, arguments.flag
+            for (name, value), check in zip([*vars(self).items()], checks, strict=True):
+                object.__setattr__(self, name, check(value, name))
         if self.turn_deg not in TURNS_DEG:
             raise T2TwinError(f"turn_deg is {self.turn_deg}; expected one of {TURNS_DEG}")
 
@@ -45,6 +44,11 @@ class FrameOrder:
         """A stored frame, (h, w) or (h, w, 3), upright and with red before blue."""
         import numpy as np
 
+        from t2twin.core import arguments
+
+        frame = arguments.array(frame, "frame")
+        if frame.ndim != 2 and frame.shape[2:] != (3,):
+            raise T2TwinError(f"frame has shape {frame.shape}; expected (h, w) or (h, w, 3)")
         frame = np.rot90(frame, -self.turn_deg // 90)
         frame = frame[:, ::-1] if self.mirror else frame
         return np.ascontiguousarray(frame[..., ::-1] if self.bgr and frame.ndim == 3 else frame)

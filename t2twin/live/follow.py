@@ -4,7 +4,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -163,10 +163,11 @@ def _predicted(
 
 
 @contextmanager
-def published(address: str) -> Iterator[Output]:
+def published(address: str, report: Report) -> Iterator[Output]:
     """Publishes each line of JSON as one message of a ZeroMQ PUB socket, within the block.
 
-    address: to bind, such as tcp://127.0.0.1:5555. Subscribers that are too slow lose messages.
+    address: to bind, such as tcp://127.0.0.1:5555; tcp://127.0.0.1:* takes a free port. report:
+    receives the bound address. Subscribers that are too slow lose messages.
     Raises T2TwinError without the extra t2twin[zmq], and for an address that cannot be bound.
     """
     if find_spec("zmq") is None:
@@ -175,15 +176,15 @@ def published(address: str) -> Iterator[Output]:
 
     context = zmq.Context()
     socket = context.socket(zmq.PUB)
-    try:
+    with ExitStack() as stack:
+        stack.callback(context.destroy, linger=0)  # messages that are not sent are dropped
         try:
             _ = urlsplit(address.removesuffix(":*")).port  # ZeroMQ takes it modulo 65,536
             socket.bind(address)
         except (zmq.ZMQError, ValueError) as error:
             raise T2TwinError(f"--zmq {address} cannot be bound: {error}") from error
+        report(f"published at {socket.getsockopt_string(zmq.LAST_ENDPOINT)}")
         yield lambda frame, line, contact: socket.send_string(json.dumps(line))
-    finally:
-        context.destroy(linger=0)  # messages that are not sent are dropped
 
 
 @contextmanager

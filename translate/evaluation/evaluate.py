@@ -327,11 +327,11 @@ def evaluate(
     out_dir: str | Path,
     background: str | Path | None = None,
 ) -> Evaluation:
-    """Evaluates runs and baselines on one split; writes metrics.json and predictions.npz.
+    """Evaluates runs and baselines; writes metrics.json and predictions.npz into out_dir.
 
     runs: folders that `train` has made, all of one direction between the dataset's sensors.
     touch2touch and field runs from images to counts may have another taxel layout than the dataset,
-    which is then read from their images or dense counts. split: "val" or "test" (or "train").
+    which is then read from their images or dense counts. split of data_dir: "val", "test", "train".
     background: an image of the dataset's sensor without contact, for field runs. The default is the
     frames of the pairs, or that of the default optics, if the dataset was made with either.
     Returns the content of metrics.json: baselines and floors, then the runs, by their models'

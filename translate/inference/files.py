@@ -111,7 +111,7 @@ def translate_images(
     layout: str | Path | Layout | None = None, png: bool = True, bf16: bool = False,
     background: str | Path | None = None, order: FrameOrder = UPRIGHT,
 ) -> np.ndarray:  # fmt: skip
-    """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
+    """Translates image files; writes counts.csv, counts.json and PNG tactile images into out_dir.
 
     A field run also writes counts_std.csv, the standard deviations of the counts; its PNG files
     fade to white with increasing uncertainty.

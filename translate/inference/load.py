@@ -129,7 +129,7 @@ def load_run(
 def export_onnx(
     run: TrainedTranslator | str | Path, path: str | Path, force: bool = False
 ) -> float:
-    """Writes a run at its layout as an ONNX file, and compares the two on random images.
+    """Writes a run at its layout as the ONNX file path, and compares the two on random images.
 
     run: as `load` returns or takes it. force: replace an existing file. Returns the largest
     difference of counts between ONNX Runtime and the run. Raises T2TwinError for a run without

@@ -123,12 +123,12 @@ def train(
     contact_alone: bool = False,
     frame_check: bool = True,
 ) -> TrainingResult:
-    """Trains a translator on a dataset, or resumes a stopped training.
+    """Trains a translator on the dataset in data_dir, or resumes a stopped training.
 
     model: "touch2touch", "resnet18" or "field". preset: a name (models.presets), or a Preset.
-    out_dir: folder of the run. epochs, minutes, steps: maxima in place of the preset's; more steps
-    adapt the preset (`for_steps`). init_from: another run, whose best weights are the initial
-    weights, at a lower learning rate. direction: "source-to-target" of the dataset, or
+    out_dir: of the run. seed: of sampling. epochs, minutes, steps: maxima in place of the preset's;
+    more steps adapt the preset (`for_steps`). init_from: another run, whose best weights are the
+    initial weights, at a lower learning rate. direction: "source-to-target" of the dataset, or
     "target-to-source"; for a gel camera and a taxel array also "image-to-counts" and
     "counts-to-image". iou_weight: of the soft IoU loss (models.touch2touch). contact_alone: train
     only the contact's layers of a field run, on those of init_from. frame_check: whether a field
