@@ -12,7 +12,7 @@ PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 BUDGET = {
     "t2twin": 9_250,
     "translate": 7_600,
-    "sim": 14_950,
+    "sim": 14_910,
     "primitives_cad": 2_540,
     "maintenance": 620,
     "tests": 19_000,
