@@ -16,7 +16,7 @@ from t2twin.core.files import write_json
 from t2twin.report import dataset_report, run_report
 from t2twin.report.page import PAGE, name_of, render_section
 from t2twin.report.run_report import SECTIONS, ReportData, read_report_data, write_report
-from t2twin.translate.evaluation.evaluate import read_predictions
+from t2twin.translate.evaluation.evaluate import PREDICTIONS, TRUTH
 from t2twin.translate.evaluation.records import METRICS, Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import PAPER, figures_tables
 
@@ -178,7 +178,7 @@ def test_an_evaluation_of_something_else_is_not_drawn(page, data_dir, runs, tmp_
     own = tmp_path / "evaluate-val"
     for split in ("val", "test"):
         shutil.copytree(page.parent / f"evaluate-{split}", tmp_path / f"evaluate-{split}")
-    evaluation, predictions = read_evaluation(own), read_predictions(own)
+    evaluation, arrays = read_evaluation(own), dict(np.load(own / PREDICTIONS))
     model = replace(evaluation.models["resnet18"], weights_sha256="0" * 64)
     others = [
         replace(evaluation, models=evaluation.models | {"resnet18": model}),
@@ -188,6 +188,6 @@ def test_an_evaluation_of_something_else_is_not_drawn(page, data_dir, runs, tmp_
     for other in others:
         write_json(own / METRICS, msgspec.to_builtins(other))
         if other is evaluation:
-            replace(predictions, truth=predictions.truth[1:]).save(own)
+            np.savez(own / PREDICTIONS, **arrays | {TRUTH: arrays[TRUTH][1:]})
         with pytest.raises(AssertionError, match="evaluated again"):
             read_report_data(tmp_path, data_dir, runs)

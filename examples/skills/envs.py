@@ -29,7 +29,8 @@ TRAINING, UNSEEN = ("cylinder", "box"), ("hexagon", "key")
 """The objects in training and in the evaluation."""
 RATE_HZ, CLOSE_S, GRID = 10.0, 0.5, 12
 """Actions per second, time in which the gripper closes, rows and columns of the tractions."""
-Observed, Info = dict[str, np.ndarray], dict[str, Any]
+Observed = dict[str, np.ndarray]
+Info = dict[str, Any]
 
 
 class SkillEnv(gym.Env[Observed, np.ndarray]):
@@ -43,6 +44,8 @@ class SkillEnv(gym.Env[Observed, np.ndarray]):
     ranges: Sequence[tuple[float, float]]  # of the numbers of an action
     grip_n, ends_solved = 6.0, False  # at the start; whether an episode ends once it is solved
     errors = np.empty(0)  # of an estimate
+    action_space: Any
+    observation_space: Any
     add_task: Any
     act: Any
     outcome: Any
@@ -65,9 +68,9 @@ class SkillEnv(gym.Env[Observed, np.ndarray]):
             boxes["counts"] = 0, device.full_scale, (2, device.layout.size), np.float32
         if wrong := set(observe) - set(boxes):
             raise ValueError(f"{sensor} has no {min(wrong)}; expected some of {', '.join(boxes)}")
-        hand = {"hand": spaces.Box(-np.inf, np.inf, (4,), np.float32)}
-        of_touch = {name: spaces.Box(*boxes[name]) for name in self.observe}
-        self.observation_space = spaces.Dict(hand | of_touch)
+        found: dict[str, Any] = {name: spaces.Box(*boxes[name]) for name in self.observe}
+        found["hand"] = spaces.Box(-np.inf, np.inf, (4,), np.float32)
+        self.observation_space = spaces.Dict(found)
         self.action_space = spaces.Box(*np.array(self.ranges, np.float32).T)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Observed, Info]:
@@ -266,6 +269,6 @@ class InsertEnv(SkillEnv):
         return np.clip(action, self.action_space.low, self.action_space.high)
 
 
-TASKS: dict[str, type[SkillEnv]] = {"hold": HoldEnv, "pose": PoseEnv, "insert": InsertEnv}
+TASKS: dict[str, Any] = {"hold": HoldEnv, "pose": PoseEnv, "insert": InsertEnv}
 for task, env in TASKS.items():
     gym.register(f"skills/{task.title()}-v0", env)

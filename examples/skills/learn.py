@@ -76,8 +76,8 @@ class Policy(nn.Module):
         """Actions, (E, T, A), and the state after them. touch: of `scaled`. hand: (E, T, 4)."""
         parts = self.encoder(touch.flatten(0, 2)).reshape(*hand.shape[:2], -1)
         mixed = self.mix(torch.cat([parts, hand], dim=-1))
-        past, state = self.memory(mixed, state)
-        return (self.head(torch.cat([past, mixed], -1)) * self.reach + self.middle) / 2, state
+        past, after = self.memory(mixed, state)
+        return (self.head(torch.cat([past, mixed], -1)) * self.reach + self.middle) / 2, after
 
     def scaled(self, touch: np.ndarray) -> torch.Tensor:
         """The network's input. touch: (E, T, 2, ...) counts or small images."""
@@ -92,8 +92,8 @@ class Policy(nn.Module):
     ) -> tuple[np.ndarray, torch.Tensor]:
         """The action for one observation, and the next state."""
         scaled = torch.as_tensor(hand / HAND_SCALE)[None, None]
-        actions, state = self(self.scaled(touch[None, None]), scaled, state)
-        return actions[0, 0].numpy(), state
+        actions, after = self(self.scaled(touch[None, None]), scaled, state)
+        return actions[0, 0].numpy(), after
 
 
 def learn(policy: Policy, shown: dict[str, np.ndarray], epochs: tqdm) -> None:

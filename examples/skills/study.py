@@ -216,7 +216,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return found | {"seconds": float(np.mean([row["seconds"] for row in rows]))}
 
 
-def success(solved: np.ndarray) -> dict[str, Any]:
+def success(solved: Any) -> dict[str, Any]:
     """The share of episodes that are solved, with its 95 % interval (Wilson)."""
     interval = binomtest(int(solved.sum()), solved.size).proportion_ci(0.95, "wilson")
     limits = [100 * interval.low, 100 * interval.high]

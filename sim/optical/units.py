@@ -22,7 +22,7 @@ light in the image's middle. Negative light, as of a negative leak, is omitted.
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, structs
@@ -292,16 +292,16 @@ def sample_unit(
             f"the file of {spec.name} has no {'table [units]' if leds else 'LEDs'}, from which "
             "units are sampled; add them, or give an optics file"
         )
-    ranges = spec.ranges(ranges)
-    scale, distance_mm = rng.uniform(*ranges.scale_px_per_mm), rng.uniform(*ranges.distance_mm)
-    shift, tilt = rng.uniform(*ranges.shift_px, 2), rng.uniform(*ranges.tilt_deg, 2)
+    within: Any = spec.ranges(ranges)
+    scale, distance_mm = rng.uniform(*within.scale_px_per_mm), rng.uniform(*within.distance_mm)
+    shift, tilt = (rng.uniform(*each, size=2) for each in (within.shift_px, within.tilt_deg))
     size = spec.camera.rows, spec.camera.columns
     camera = Camera(*size, scale, distance_mm, *shift.tolist(), *tilt.tolist())
-    is_linear = rng.random() < ranges.linear_amount
-    gamma = rng.uniform(*(ranges.linear_gamma if is_linear else ranges.gamma))
-    light = sample_light(rng, ranges, leds, camera, gamma)
-    optics = with_background(rng, ranges, light, spec.gel.elastomer(spec.name))
-    noise_grey = float(log_uniform(rng, ranges.noise_grey))
+    is_linear = rng.random() < within.linear_amount
+    gamma = rng.uniform(*(within.linear_gamma if is_linear else within.gamma))
+    light = sample_light(rng, within, leds, camera, gamma)
+    optics = with_background(rng, within, light, spec.gel.elastomer(spec.name))
+    noise_grey = float(log_uniform(rng, within.noise_grey))
     colors = np.maximum(at_middle(optics.response), 0.0)
     moved = zip(leds, optics.leds_mm.tolist(), optics.sizes_mm.tolist(), colors, strict=True)
     return Unit(optics, noise_grey, tuple(_moved_led(*each) for each in moved))
