@@ -12,6 +12,7 @@ from msgspec import structs
 from pages import Reader, read_page
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinWarning
 from t2twin.core.files import write_json
 from t2twin.report import dataset_report, run_report
 from t2twin.report.page import PAGE, name_of, render_section
@@ -169,7 +170,8 @@ def test_evaluations_are_taken_up_again(
     said = f"using the evaluation in {named / 'val'} and {named / 'test'}\n"
     assert said in capsys.readouterr().out
     (named / "val" / METRICS).write_text("{")  # each split is scanned for by itself
-    mixed = read_report_data(out, data_dir, runs, named).folders
+    with pytest.warns(T2TwinWarning, match="is not used for val"):
+        mixed = read_report_data(out, data_dir, runs, named).folders
     assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}
 
 

@@ -97,10 +97,9 @@ class Slide:
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-        """The traction under the pressure of a contact; the displacement of a surface that sticks
-        to the shape, and by how much that of the part in contact exceeds the cell's mean, mm.
-
-        Last, whether the traction converged. predicts: for the contact before."""
+        """The traction under the pressure of a contact, and the displacement, mm, of a surface that
+        sticks to the shape. Then by how much that of the part in contact exceeds the cell's mean,
+        and whether the traction converged. predicts: for the contact before."""
         limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
         spread, dome, guess = fields
         # The motion of the shape at the displaced points of the surface.
