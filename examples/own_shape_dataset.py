@@ -13,7 +13,6 @@ import cadquery as cq
 import t2twin
 
 RECIPE = """
-format = 1
 name = "mine"
 dense_counts = true             # needed to train a field network
 background_frames = true  # background frame of each sensor

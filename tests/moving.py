@@ -3,7 +3,6 @@
 from pathlib import Path
 
 RECIPE = """
-format = 1
 name = "tiny"
 seed = 4
 imperfections = "white"

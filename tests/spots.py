@@ -17,7 +17,7 @@ from kinds import COVER
 from t2twin.core.images import encode_png
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.info import FORMAT, ArrayInfo, CameraInfo, DatasetInfo, Shard, versions
+from t2twin.sim.dataset.info import ArrayInfo, CameraInfo, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe
@@ -62,7 +62,6 @@ def write_spots(
     write_info(
         folder,
         DatasetInfo(
-            format=FORMAT,
             complete=True,
             pairs={"train": train, "val": val, "test": test},
             source=camera_info("digit", ROWS, COLUMNS),

@@ -25,7 +25,7 @@ from t2twin.adaptation.real_frame_evaluation import (
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import read_json
-from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE, FORMAT, RECORD, OpticsRecord
+from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE, RECORD, OpticsRecord
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
@@ -195,7 +195,7 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     kept = (out / "field" / "best.safetensors").read_bytes()
     assert kept == (folders[adapted.kept] / "best.safetensors").read_bytes()
     assert 0.0 < adapted.mean_array_rmse_percent < adapted.zero_rmse_percent < 15.0
-    fitted = read_json(out / RECORD, OpticsRecord, FORMAT)
+    fitted = read_json(out / RECORD, OpticsRecord, "adapt")
     places = [(press.x_mm, press.y_mm) for press in fitted.held_out]
     np.testing.assert_allclose(places, POSES[-HELD_OUT:, :2], atol=0.15)
     info = read_info(out / "data")

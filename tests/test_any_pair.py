@@ -16,7 +16,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
 from t2twin.sim.dataset.columns import column, schema_of
-from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
+from t2twin.sim.dataset.info import DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import TactilePictures, load_info, load_pairs
@@ -73,7 +73,7 @@ def write(folder: Path, *values: str) -> Path:
         camera_info(name, ROWS, COLUMNS) if value == "image" else array_info(name, FULL_SCALE)
         for name, value in zip(("first", "second"), values, strict=True)
     ]
-    info = DatasetInfo(FORMAT, True, PAIRS, *sensors, versions=versions(), shards=shards)
+    info = DatasetInfo(True, PAIRS, *sensors, versions=versions(), shards=shards)
     write_info(folder, info)
     return folder
 

@@ -10,11 +10,10 @@ import t2twin
 PUBLIC = {
     "AttachedSensor", "Contact", "Elastomer", "FrameOrder", "Layout", "PressCommand", "Recipe",
     "Shape", "T2TwinError", "T2TwinWarning", "Touch", "TrainedTranslator", "Twin", "adapt",
-    "attach", "calibrate", "evaluate",
-    "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
-    "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "read_all",
-    "sensors", "shapes",
-    "train", "translate_images", "verify_dataset", "write_data_report", "write_report",
+    "attach", "calibrate", "evaluate", "export_onnx", "export_shapes", "guess_light",
+    "import_pairs", "load", "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset",
+    "press", "read_all", "sensors", "shapes", "train", "translate_images", "verify_dataset",
+    "write_data_report", "write_report",
 }  # fmt: skip
 """What a later version must still have."""
 

@@ -28,7 +28,6 @@ BALL = ball_surface(DIGIT.own_gel, 0.5, -1.0, 1.1)
 TOOL = ("allen-key/long-arm",)
 
 RECIPE = """
-format = 1
 name = "used"
 [[parts]]
 shapes = "tools"

@@ -51,7 +51,6 @@ from t2twin.translate.uncertainty.ood import OODClass
 pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
 
 RECIPE = """
-format = 1
 name = "few-maps"
 seed = 3
 contact_maps = true

@@ -28,7 +28,6 @@ from t2twin.sim.sensors.files import load_sensor
 from t2twin.translate.data.pairs import load_info
 
 RECIPE = """
-format = 1
 name = "few"
 seed = 2
 source = "{}"

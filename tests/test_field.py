@@ -48,7 +48,6 @@ ARRAY = SensorPair().array
 DENSE = ARRAY.dense
 
 RECIPE = """
-format = 1
 name = "tiny"
 seed = 5
 imperfections = "white"

@@ -17,7 +17,6 @@ from t2twin.cli import main
 from t2twin.sim.dataset.store import read_info
 
 RECIPE = """
-format = 1
 name = "few"
 source = "gelsight-mini"
 target = "flexitac"

@@ -27,7 +27,6 @@ from t2twin.translate.training.train import (
 )
 
 RECIPE = """
-format = 1
 name = "tiny"
 seed = {seed}
 

@@ -117,7 +117,9 @@ TAXELS = [{"x_mm": -6.0, "y_mm": -6.0}, {"x_mm": 6.0, "y_mm": -6.0}, {"x_mm": 0.
     [
         "x_mm,y_mm\n-6,-6\n6,-6\n0,6\n",
         "x_mm; y_mm; pad_diameter_mm\n-6,0; -6; 4,0\n6; -6; 4\n0; 6; \n",
-        json.dumps({"about": "three", "format": 1, "taxels": [t | {"note": "a"} for t in TAXELS]}),
+        json.dumps(
+            {"about": "three", "format": "1.0", "taxels": [t | {"note": "a"} for t in TAXELS]}
+        ),
     ],
 )
 def test_spellings_of_one_layout(text: str, tmp_path: Path) -> None:

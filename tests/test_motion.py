@@ -124,6 +124,6 @@ def test_wrong_motion_is_one_sentence(old: str, new: str, said: str, tmp_path: P
 
 def test_motion_needs_sampled_places(tmp_path: Path) -> None:
     path = tmp_path / "grid.toml"
-    path.write_text('format = 1\nname = "a"\n[[parts]]\nshapes = "primitives"\n[motion]\n')
+    path.write_text('name = "a"\n[[parts]]\nshapes = "primitives"\n[motion]\n')
     with pytest.raises(T2TwinError, match="motion needs a part whose place is a distribution"):
         load_recipe(path)

@@ -23,24 +23,14 @@ def wheel(checkout, tmp_path_factory):
     return next(folder.glob("t2twin-*.whl"))
 
 
-def pip(*arguments) -> None:
-    command = [sys.executable, "-m", "pip", *map(str, arguments), "--no-deps", "--quiet"]
-    subprocess.run([*command, "--disable-pip-version-check"], check=True)
-
-
 def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"t2twin"}
-    for package in PACKAGES:
-        sources = {p.relative_to(ROOT) for p in (ROOT / package).rglob("*.py")}
-        assert {str(Path("t2twin") / path) for path in sources} <= set(names)
-    templates = {p.relative_to(ROOT) for p in (ROOT / "t2twin").rglob("templates/**/*.*")}
-    assert templates and {str(path) for path in templates} <= set(names)
-    assert {"t2twin/sim/dataset/card.md", "t2twin/translate/runs/card.md"} <= set(names)
-    specs = {p.relative_to(ROOT) for p in (ROOT / "sim/sensors/specs").iterdir()}
-    assert len(specs) > 3 and {f"t2twin/{path}" for path in specs} <= set(names)
-    assert "t2twin/sim/taxels/layouts/cyskin-20.json" in names
+    for package in (*PACKAGES, "t2twin"):
+        for path in (ROOT / package).rglob("*.*"):
+            if path.suffix != ".pyc":
+                assert "t2twin/" + str(path.relative_to(ROOT)).removeprefix("t2twin/") in names
 
 
 def test_citation_and_changelog_are_of_this_version(wheel):
@@ -54,7 +44,8 @@ def test_citation_and_changelog_are_of_this_version(wheel):
 def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path, monkeypatch):
     """An index has a package `translate`; a user's script may stand beside a folder `sim`."""
     site, work = tmp_path / "site", tmp_path / "work"
-    pip("install", "--target", site, wheel)
+    pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--quiet", "--target", site]
+    subprocess.run([*pip, "--disable-pip-version-check", wheel], check=True)
     for folder in (site / "translate", work / "sim", work / "primitives_cad"):
         folder.mkdir(parents=True)
         (folder / "__init__.py").write_text("raise ImportError('not ours')\n")

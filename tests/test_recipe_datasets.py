@@ -22,7 +22,6 @@ from t2twin.sim.sampling.recipe import ForceRange, bundled_recipes, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 
 MINE = """
-format = 1
 name = "mine"
 seed = 3
 imperfections = "white"
@@ -221,7 +220,7 @@ def test_draws_keep_to_their_distributions():
 )
 def test_a_wrong_part_is_one_sentence(changed, message, tmp_path, capsys):
     path = tmp_path / "wrong.toml"
-    path.write_text(f'format = 1\nname = "wrong"\n[[parts]]\n{changed}\n')
+    path.write_text(f'name = "wrong"\n[[parts]]\n{changed}\n')
     with pytest.raises(SystemExit) as stop:
         main(["simdata", "--recipe", str(path), "--out", str(tmp_path / "out")])
     error = capsys.readouterr().err
@@ -235,7 +234,7 @@ def test_a_folder_of_solids_is_a_recipe_but_not_of_tools(tmp_path, shape_cache, 
     shapes("circle-2").mesh.export(solids / "mine.stl")
     path = tmp_path / "own.toml"
     path.write_text(
-        f'format = 1\nname = "own"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
+        f'name = "own"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
         f'shapes = "{solids}"\npresses = 2\nplace = {{ uniform_mm = 2.0 }}\n'
     )
     info = make_dataset(tmp_path / "data", recipe=path, workers=1, cache=shape_cache)

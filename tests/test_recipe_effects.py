@@ -10,7 +10,7 @@ import t2twin
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.sim.sampling.recipe import GEL_CAMERA, TAXEL_ARRAY, bundled_recipes, checked, for_pair
 
-HEAD = 'format = 1\nname = "w"\n'
+HEAD = 'name = "w"\n'
 PART = (
     '[[parts]]\nshapes = "random"\ncount = 10\npresses = 2\nplace = { normal_mm = 2.0 }\n'
     "force_n = 4.0\n"

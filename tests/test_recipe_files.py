@@ -16,7 +16,7 @@ NEAR = Place(uniform_mm=1.0)
 def recipe(path, more="", folder="solids"):
     """A recipe of two presses of each file in a folder beside it."""
     path.write_text(
-        'format = 1\nname = "mine"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
+        'name = "mine"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
         f'shapes = "{path.parent / folder}"\npresses = 2\nplace = {{ uniform_mm = 1.0 }}\n{more}'
     )
     return path

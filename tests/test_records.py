@@ -13,8 +13,11 @@ from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sampling.plan import Batch
 from t2twin.sim.sampling.recipe import load_recipe
+from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.evaluation.records import METRICS, read_evaluation
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import (
     CONFIG,
@@ -83,7 +86,6 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
 @pytest.mark.parametrize(
     ("place", "value", "named"),
     [
-        (["format"], 1, "format"),
         (["pairs", "all"], 3, r"\$\.pairs|pairs"),
         (["pairs", "val"], -1, r"\$\.pairs"),
         (["seed"], "x", r"\$\.seed"),
@@ -100,6 +102,22 @@ def test_a_wrong_field_of_info_is_named(tmp_path, info, place, value, named):
     with pytest.raises(T2TwinError, match=named) as error:
         read_info(tmp_path)
     assert str(error.value).startswith(str(tmp_path / INFO))
+
+
+@pytest.mark.parametrize(
+    ("name", "read", "way"),
+    [
+        (INFO, read_info, "t2twin simdata"), (CONFIG, load_config, "t2twin train"),
+        (METRICS, read_evaluation, "t2twin evaluate"),
+        ("own.toml", load_recipe, "remove this key"), ("own.toml", load_sensor, "remove this key"),
+        ("own.json", load_layout, "remove this key"),
+    ],
+)  # fmt: skip
+def test_a_file_of_another_version_is_refused(tmp_path, name, read, way):
+    path = tmp_path / name
+    path.write_text("format = 2" if path.suffix == ".toml" else '{"format": 2}')
+    with pytest.raises(T2TwinError, match=rf"{path} is of another version .* 2, .*; .*{way}"):
+        read(path if name.startswith("own") else tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +145,7 @@ def test_config_comes_back_as_it_was_written(tmp_path, config):
 @pytest.mark.parametrize(
     ("place", "value", "named"),
     [
-        (["format"], 7, "format 7"),
+        (["format"], GONE, "format is missing, expected 1.0"),
         (["model"], "unet", r"\$\.model"),
         (["minutes"], 0, r"\$\.minutes"),
         (["epoch_steps"], 2**70, "epoch_steps"),

@@ -236,7 +236,6 @@ def test_recipes_sample_a_uniform_angle_in_a_uniform_direction():
 
 
 RECIPE = """
-format = 1
 name = "tilts"
 [[parts]]
 shapes = "random"

@@ -26,6 +26,7 @@ from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import atomic_write, write_json
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import is_colored
+from t2twin.core.records import FORMAT
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
 from t2twin.sim.calibrate import frames as images
@@ -50,7 +51,6 @@ UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by li
 # Ranges of the units: only responses of one gamma, that of a fit, can be averaged.
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"  # files of a fit
-FORMAT = 1  # format of optics.json
 FORCES = "forces.csv"  # measurements in the folder of the frames: see _Row; cells may be empty
 MARKED = (
     "the frames show printed markers, which are filled in before the fit: optics and scores are "
@@ -356,7 +356,7 @@ class OpticsRecord:
     uncertainty: OpticsUncertainty | None = None  # bounds of depths and forces
     inputs_sha256: str | None = None  # of the frames and numbers, for an adaptation that resumes
     notes: tuple[str, ...] = ()  # what limits the result, in words
-    format: int = FORMAT
+    format: str = FORMAT
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,7 +35,6 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import solver_loops
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.info import (
-    FORMAT,
     IMAGE,
     SPLITS,
     ArrayInfo,
@@ -137,7 +136,6 @@ def build_info(
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
     optional = bool(recipe.dense_counts), bool(recipe.contact_maps)
     return DatasetInfo(
-        format=FORMAT,
         complete=False,
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
         source=sensor_info(sensors.source, *optional),

@@ -26,7 +26,6 @@ from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
 from t2twin.sim.dataset.info import (
-    FORMAT,
     MAX_COUNTS,
     SPLITS,
     ArrayInfo,
@@ -192,7 +191,6 @@ def _write(
         found = f"{counted(len(places), 'image')} of {len(pairs)} are {fault}, first {places[0]}"
         warn(f"{found}; expected images of {sensors.camera.name} in its own light")
     info = DatasetInfo(
-        format=FORMAT,
         complete=True,
         pairs={split: sum(p.split == split for p in pairs) for split in SPLITS},
         source=CameraInfo(

@@ -10,13 +10,13 @@ from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.frame_order import FrameOrder
 from t2twin.core.machine import installed_version
+from t2twin.core.records import FORMAT
 from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import CountsTable, Imperfections
 
-FORMAT = 2  # of the dataset's folders, columns and info.json
 SPLITS = ("train", "val", "test")
 # Columns of a camera's image and an array's counts after the role; also the kinds of readings
 IMAGE: Final = "image"
@@ -188,7 +188,6 @@ def plain(record: Any) -> Any:
 class DatasetInfo:
     """info.json. Optional fields are of a simulated dataset."""
 
-    format: Literal[2]
     complete: bool  # whether all shards exist
     pairs: dict[Literal["train", "val", "test"], Count]  # in each split when complete
     source: SensorInfo
@@ -203,6 +202,7 @@ class DatasetInfo:
     shape_code: str | None = None  # digest of the code and libraries of the shapes' surfaces
     files: dict[str, str] | None = None  # sha256 of users' solids, by path
     order: FrameOrder | None = None  # of imported images before they were stored upright
+    format: str = FORMAT
 
     @property
     def sensors(self) -> dict[str, SensorInfo]:

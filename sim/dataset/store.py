@@ -20,10 +20,10 @@ import pyarrow.parquet as pq
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, read_file, sha256_of
+from t2twin.core.files import atomic_write, sha256_of
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
-from t2twin.core.records import decode_json
+from t2twin.core.records import read_json
 from t2twin.core.templates import render
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
@@ -189,7 +189,7 @@ def read_info(folder: str | Path) -> DatasetInfo:
             f"{folder} contains no dataset (no {INFO}); make one with "
             f"`t2twin simdata --scale small --out {folder}`"
         )
-    return decode_json(read_file(path), DatasetInfo, path)
+    return read_json(path, DatasetInfo, "`t2twin simdata` or `t2twin import-pairs`")
 
 
 def split_shards(info: DatasetInfo, split: str) -> list[str]:

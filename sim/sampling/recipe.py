@@ -24,7 +24,6 @@ RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"  # the protocol of Grella et al. 2023
 RANDOM = "random"
 NAMED = (RANDOM, "primitives", "tools")  # values of a part's shapes other than a folder
-FORMAT = 1
 
 # Limits that have no source are assumed: beyond them a dataset takes weeks, or presses miss.
 MIN_FORCE_SHARE = 0.1  # of a force range that leave_out must leave, in the logarithm of the force
@@ -295,7 +294,6 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
     parts: Annotated[tuple[Part, ...], Meta(min_length=1, max_length=50)]
-    format: Literal[1] = FORMAT
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     source: str = SOURCE
     target: str = TARGET

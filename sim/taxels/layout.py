@@ -149,7 +149,7 @@ def load_layout(source: str | Path | Layout = DEFAULT_LAYOUT, folder: Path | Non
             ".json file with a list of taxels that have these keys"
         )
     else:
-        content = read_json(path, dict, 1)
+        content = read_json(path, dict)
         # unknown keys would have no effect, such as a gain
         check_names(content, ["taxels", "format", *REMARKS], path, what="key")
         rows = convert(content.get("taxels"), tuple[_Taxel, ...], f"{path}, taxels")

@@ -27,7 +27,6 @@ from t2twin.core.records import read_json
 from t2twin.core.templates import render
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
-    FORMAT,
     MARKED,
     OPTICS,
     RECORD,
@@ -308,7 +307,7 @@ def _existing_fit(out: Path, digest: str, presses: Presses) -> OpticsRecord | No
         return None
     if not (out / RECORD).is_file():
         raise T2TwinError(f"{out} is not empty and contains no adaptation; choose another folder")
-    fitted = read_json(out / RECORD, OpticsRecord, FORMAT)
+    fitted = read_json(out / RECORD, OpticsRecord, "`t2twin adapt`")
     if fitted.inputs_sha256 != digest:
         raise T2TwinError(
             f"{out} contains an adaptation to other frames or numbers; choose another folder"

@@ -23,56 +23,58 @@ from t2twin.core.files import read_file
 
 Record = TypeVar("Record")
 
-MIN_SIMILARITY = 0.8
-"""Least similarity of a misspelled name to the right one, by difflib's ratio (assumed)."""
-
 UNIT = re.compile(r"[_ ]?\(?(?:um|mm|cm|m|mn|n|kn|g|kg|rad|deg|mpa|kpa)\)?$")
 """A unit at the end of a name."""
+
+FORMAT = "1.0"
+"""Format of all files of this version of t2twin. Earlier versions had whole numbers, or none."""
 
 REMARKS = ("about", "note")
 """Keys of layout and optics files that a user may add; they are not read."""
 
 
-def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
-    """The record in a JSON file. kind: its dataclass. numbers: the supported format numbers.
+def read_json(path: Path, kind: type[Record], made_by: str | None = None) -> Record:
+    """The record in a JSON file. kind: its dataclass. made_by: as for `_check_format`.
 
     Raises T2TwinError where the file cannot be read, has a key twice or another format, or does not
     fit.
     """
     content = read_file(path).removeprefix(BOM_UTF8)
-    found = decode_json(content, dict, path).get("format", 1)
+    _check_format(decode_json(content, dict, path), path, made_by)
 
     def check_keys(pairs: list[tuple[str, Any]]) -> None:
         check_names((name for name, _ in pairs), [name for name, _ in pairs], path, what="key")
 
     json.loads(content, object_pairs_hook=check_keys)  # msgspec uses the last of equal keys
-    if found not in numbers:
-        known = " and ".join(map(str, numbers))
-        raise T2TwinError(
-            f"{path} is of format {found}; this version of t2twin reads format {known} only"
-        )
     return decode_json(content, kind, path)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file without NaN. Raises T2TwinError for anything else."""
+    """A user's TOML file, without its format. Raises T2TwinError for NaN and another format."""
     try:
-        content = tomllib.loads(read_file(path).decode("utf-8-sig"))
-        _check_no_nan(content, "")
+        content = tomllib.loads(read_file(path).decode("utf-8-sig"), parse_float=_number)
     except (ValueError, RecursionError) as error:
         raise T2TwinError(f"{path}: {error}") from error
+    _check_format(content, path)
     return content
 
 
-def _check_no_nan(value: Any, place: str) -> None:
-    """Raises ValueError, with its place, for a NaN in the content of a TOML file."""
-    if isinstance(value, float) and math.isnan(value):
-        raise ValueError(f"{place} is nan, which is not a number")
-    if isinstance(value, dict):
-        for key, each in value.items():
-            _check_no_nan(each, f"{place}.{key}" if place else key)
-    for number, each in enumerate(value if isinstance(value, list) else ()):
-        _check_no_nan(each, f"{place}[{number}]")
+def _check_format(content: dict[str, Any], path: Path, made_by: str | None = None) -> None:
+    """Takes the format out of a file's content; T2TwinError for another one. made_by: what writes
+    the file; None for a user's, which may omit the format."""
+    found = content.pop("format", "missing" if made_by else FORMAT)
+    if str(found) != FORMAT:
+        way = f"make it anew in another folder with {made_by}" if made_by else "remove this key"
+        raise T2TwinError(
+            f"{path} is of another version of t2twin: format is {found}, expected {FORMAT}; {way}"
+        )
+
+
+def _number(text: str) -> float:
+    """A number of a TOML file. Raises ValueError for NaN."""
+    if math.isnan(value := float(text)):
+        raise ValueError(f"{text} is not a number; leave the key out, or give a number")
+    return value
 
 
 def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:
@@ -141,7 +143,7 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
     Names that differ in case, spaces or the unit at their end are similar.
     """
     plain = {_plain(each): each for each in reversed(known)}
-    close = difflib.get_close_matches(_plain(name), plain, n=1, cutoff=MIN_SIMILARITY)
+    close = difflib.get_close_matches(_plain(name), plain, n=1, cutoff=0.8)  # assumed
     return plain[close[0]] if close else None
 
 

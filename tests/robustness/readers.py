@@ -38,8 +38,7 @@ PAIRS: Files = {**IMAGE_FILES, "pairs.csv": TABLE}
 """A valid table of pairs with its images."""
 
 LAYOUT = "x_mm,y_mm\n-6.0,-10.0\n0.0,-8.0\n6.0,-10.0\n-6.0,8.0\n0.5,9.0\n6.0,10.5\n"
-RECIPE = """format = 1
-name = "mine"
+RECIPE = """name = "mine"
 [[parts]]
 shapes = "random"
 count = 1

@@ -41,7 +41,7 @@ from t2twin.translate.data.pairs import (
     usable_cache,
 )
 from t2twin.translate.evaluation import baselines, metrics
-from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Figures, ModelRow
+from t2twin.translate.evaluation.records import METRICS, Evaluation, Figures, ModelRow
 from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.estimate import Estimate, half_width
 from t2twin.translate.inference.load import load
@@ -408,7 +408,6 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     sensors = (info.source.name, info.target.name)
     is_papers = inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
     evaluation = Evaluation(
-        format=FORMAT,
         split=split,
         pairs=len(pairs),
         contact_level=metrics.CONTACT_LEVEL,

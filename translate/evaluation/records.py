@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.records import read_json
+from t2twin.core.records import FORMAT, read_json
 
-METRICS, FORMAT = "metrics.json", 6  # and its version
+METRICS = "metrics.json"
 
 # Metrics by name; docs/reference/metrics.md defines them. Unknown ones are missing
 Figures = dict[str, int | float]
@@ -80,7 +80,6 @@ class ModelRow:
 class Evaluation:
     """Result of `evaluate` on one split. Full scale and layout are None for images."""
 
-    format: int
     split: str
     pairs: int
     contact_level: float  # a pixel above this fraction of its image's maximum is in contact
@@ -97,6 +96,7 @@ class Evaluation:
     source: str | None = None
     target: str | None = None
     pictures: str | None = None  # what predicted images are compared as; None for counts
+    format: str = FORMAT
 
     @property
     def runs(self) -> dict[str, ModelRow]:
@@ -111,4 +111,4 @@ def read_evaluation(folder: Path) -> Evaluation:
         raise T2TwinError(
             f"{folder} contains no evaluation (no {METRICS}); make one with `evaluate`"
         )
-    return read_json(path, Evaluation, FORMAT)
+    return read_json(path, Evaluation, "`t2twin evaluate`")

@@ -23,7 +23,7 @@ from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, read_file, write_json
 from t2twin.core.machine import installed_version
-from t2twin.core.records import decode_json, read_json
+from t2twin.core.records import FORMAT, decode_json, read_json
 from t2twin.sim.dataset.info import IMAGE, Sha256, plain
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import (
@@ -36,7 +36,6 @@ from t2twin.translate.models.presets import (
 )
 from t2twin.translate.uncertainty.ood import OODDetector
 
-FORMAT = 3  # Version of config.json
 # Maximum steps of a training (assumed: more than a machine trains in a month)
 MAX_STEPS = 100_000_000
 CONFIG = "config.json"
@@ -77,7 +76,7 @@ class RunConfig(Struct, frozen=True):
     contact_data: Sha256 | None = msgspec.field(name="contact_info_sha256", default=None)
     # Ranges of `TrainedTranslator.differences` in validation, by name; set when training ends
     agreement: dict[str, tuple[float, float]] = {}
-    format: int = FORMAT
+    format: str = FORMAT
 
     def __post_init__(self) -> None:
         if self.contact_data is not None and not self.data.has_contact:
@@ -138,7 +137,7 @@ def load_config(run_dir: Path) -> RunConfig:
     if not path.is_file():
         found = f"{run_dir} has no {CONFIG}" if run_dir.exists() else f"there is no run {run_dir}"
         raise T2TwinError(f"{found}; give a folder that `train` has made")
-    return read_json(path, RunConfig, FORMAT)
+    return read_json(path, RunConfig, "`t2twin train` or `t2twin adapt`")
 
 
 class EpochRecord(Struct, frozen=True, omit_defaults=True):
