@@ -35,11 +35,9 @@ def is_far(
     changes it by a mean of FAR_SHARE of it. displacement_mm: (3, rows, columns).
     """
     limited = unfolded(displacement_mm, pitch_mm)
-    size, change = (
-        float(np.average(np.hypot(*values[:2]), weights=weights))
-        for values in (limited, limited - displacement_mm)
-    )
-    return size > far_mm or change > max(FAR_SHARE * size, COUPLING_TOLERANCE_MM)
+    x, y, _ = np.stack((limited, limited - displacement_mm), axis=1)
+    size, change = (np.hypot(x, y) * weights).sum(axis=(1, 2)) / weights.sum()
+    return bool(size > far_mm or change > max(FAR_SHARE * size, COUPLING_TOLERANCE_MM))
 
 
 def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:

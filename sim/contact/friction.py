@@ -23,6 +23,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from t2twin.core.jit import INNER, compiled
+from t2twin.sim.contact.grid import window_around
 from t2twin.sim.contact.layer import WindowTransforms, respond, shear_work
 from t2twin.sim.contact.solver_loops import eliminate
 
@@ -73,31 +74,43 @@ def solve_traction(
     limit_mpa: (rows, columns) largest traction, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess. bodies: with prescribed forces; the
     wanted displacement then lacks their rigid motions, which are written to the last array. own:
-    (rows, columns) additional compliance of each cell.
+    (rows, columns) additional compliance of each cell. The displacement is that of the cells of a
+    window around the contact, and 0 elsewhere.
     """
-    limit = np.ascontiguousarray(limit_mpa, np.float32)
-    inside = limit > 0
-    wanted = np.where(inside, wanted_mm, 0.0).astype(np.float32)
-    q, displacement = np.array(start_mpa, np.float32, order="C"), np.empty_like(wanted)
-    own = np.broadcast_to(own, limit.shape).astype(np.float32)
+    found, displacement = np.zeros((2, *wanted_mm.shape))
+    inside = limit_mpa > 0
+    if not inside.any():  # without friction
+        return found, displacement, True
+    near = window_around(inside)
+    part, limit = (slice(None), *near), np.ascontiguousarray(limit_mpa[near], np.float32)
+    wanted = np.where(limit > 0, wanted_mm[part], 0.0).astype(np.float32)
+    q, moved = np.array(start_mpa[part], np.float32, order="C"), np.empty_like(wanted)
+    own = np.broadcast_to(own, inside.shape)[near].astype(np.float32)
+    if bodies is not NO_BODIES:
+        x, y, owner, *others = bodies
+        bodies = x[near[1]], y[near[0]], np.ascontiguousarray(owner[near]), *others
     # A square of the contact's area, within the layer's window.
-    side = min(ceil(sqrt(inside.sum())), *inside.shape)
+    side = min(ceil(sqrt(inside.sum())), *limit.shape)
     residual = _minimize(
         layer.of(limit.shape), shear_work(limit.shape, 2), limit, own, wanted, bodies,
-        1.0 / _compliance(layer, side), tolerance, q, displacement,
+        1.0 / _compliance(layer, side), tolerance, q, moved,
     )  # fmt: skip
-    return q.astype(float), displacement.astype(float), residual <= tolerance
+    found[part], displacement[part] = q, moved
+    return found, displacement, residual <= tolerance
 
 
-def additional_compliance(
-    layer: WindowTransforms, cover: np.ndarray, traction: np.ndarray, limit: np.ndarray
-) -> np.ndarray:
-    """(rows, columns) additional compliance of cells that the contact covers by a share, and parts
-    of which slip under a traction, mm/MPa."""
-    rows, columns = (length // 2 for length in layer.kernels[0].shape)
-    by_cover = np.maximum(cover, MIN_COVER) ** -COVER_EXPONENT - 1
-    shares, changes = partial_slip(traction, limit)
-    return layer.kernels[0][rows, columns] * (by_cover + SLIP_COMPLIANCE * shares * changes)
+@compiled(nogil=True)
+def additional_compliance(own, cover, traction, limit):
+    """(rows, columns) additional compliance, mm/MPa, of cells in contact with an own one. The
+    contact covers a share of a cell, a part of which slips under a traction."""
+    slip, found = partial_slip(traction, limit), np.zeros(limit.shape)
+    for i in range(limit.shape[0]):
+        for j in range(limit.shape[1]):
+            if limit[i, j] > 0.0:
+                by_cover = max(cover[i, j], MIN_COVER) ** -COVER_EXPONENT - 1.0
+                by_slip = SLIP_COMPLIANCE * slip[0, i, j] * slip[1, i, j]
+                found[i, j] = own * (by_cover + by_slip)
+    return found
 
 
 @compiled(nogil=True)

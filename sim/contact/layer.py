@@ -231,6 +231,7 @@ class DomedLayer:
     slope: WindowTransforms | None  # change per mm of thickness; None for a flat layer
     excess_mm: np.ndarray  # (rows, columns) thickness above that of the middle
     full_mpa: float = np.inf  # see Elastomer.full_mpa
+    middle_mm: float | None = None  # thickness at the middle; None for a flat layer
 
     def window(self, window: Window) -> "DomedLayer":
         """The same layer on a part of the grid."""
@@ -271,7 +272,7 @@ def domed_layer(
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
     layer = cached_shear_layer(elastomer, middle, pitch, shape)
     slope = _cached_slope(elastomer, middle, pitch, shape)
-    return DomedLayer(layer, slope, thickness - middle, elastomer.full_mpa)
+    return DomedLayer(layer, slope, thickness - middle, elastomer.full_mpa, middle)
 
 
 def prepare_shear(elastomer: Elastomer, pitch_mm: float) -> None:

@@ -20,8 +20,10 @@ from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
 from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.friction import (
     AT_LIMIT,
+    NO_BODIES,
     PREDICTION_TOLERANCE,
     TOLERANCE,
+    Bodies,
     additional_compliance,
     balance,
     solve_traction,
@@ -68,13 +70,30 @@ class Step(NamedTuple):
     contact: Contact  # before
     layer: DomedLayer  # in the window
     window: Window
+    axes_mm: tuple[np.ndarray, np.ndarray]  # x, (columns,), and y, (rows,)
     lateral_mm: np.ndarray  # (2, rows, columns) displacement along the surface before
     traction: np.ndarray  # (2, rows, columns) before, MPa
 
+    def solved(
+        self, normal: Contact, limit: np.ndarray, follows: np.ndarray, fields: "Fields", predicts:
+        bool, bodies: Bodies = NO_BODIES,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """The traction within a limit, (rows, columns), under the pressure of a contact, and the
+        results of `Slide.traction`, of a surface that would follow the shape; its displacement."""
+        _, spread, dome, guess = fields
+        cover, kernel = normal.equilibrium.cover[self.window].copy(), self.layer.middle.kernels[0]
+        own = additional_compliance(kernel.flat[kernel.size // 2], cover, guess, limit)
+        follows = follows + own * self.traction
+        traction, now, converged = solve_traction(
+            self.layer.middle, limit, follows - spread - dome, guess, bodies,
+            PREDICTION_TOLERANCE if predicts else TOLERANCE, own,
+        )  # fmt: skip
+        return traction, follows, own * traction, converged, now + spread + dome
 
-# Displacements along the surface by the pressure and by the dome, mm, and a guess of the traction,
-# MPa; each (2, rows, columns).
-Fields = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+# The pressure, MPa, (rows, columns), the displacements along the surface by it and by the dome, mm,
+# and a guess of the traction, MPa; each (2, rows, columns).
+Fields = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 Drive: TypeAlias = "Slide | _Push"  # what moves the shapes in a step
@@ -100,28 +119,14 @@ class Slide:
         """The traction under the pressure of a contact, and the displacement, mm, of a surface that
         sticks to the shape. Then by how much that of the part in contact exceeds the cell's mean,
         and whether the traction converged. predicts: for the contact before."""
-        limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
-        spread, dome, guess = fields
+        limit = self.friction.limit_mpa(fields[0], normal.elastomer).astype(np.float32)
         # The motion of the shape at the displaced points of the surface.
-        command, (rows, columns) = step.contact.command, step.window
-        x = step.contact.x_mm[columns] + step.lateral_mm[0] - command.x_mm
-        y = step.contact.y_mm[rows, None] + step.lateral_mm[1] - command.y_mm
+        command, (x, y) = step.contact.command, step.axes_mm
+        x = x + step.lateral_mm[0] - command.x_mm
+        y = y[:, None] + step.lateral_mm[1] - command.y_mm
         cos, sin = np.cos(self.dyaw_rad) - 1, np.sin(self.dyaw_rad)
         rigid = np.stack([self.dx_mm + cos * x - sin * y, self.dy_mm + sin * x + cos * y])
-        follows = step.lateral_mm + rigid
-        traction = np.zeros_like(guess)
-        if not limit.any():  # without friction
-            return traction, follows, traction, True
-        near = window_around(dilated(limit > 0, 1))
-        cover = normal.equilibrium.cover[step.window]
-        own = additional_compliance(step.layer.middle, cover, guess, limit)
-        follows += own * step.traction
-        part, wanted = (slice(None), *near), follows - spread - dome
-        traction[part], _, converged = solve_traction(
-            step.layer.middle, limit[near], wanted[part], guess[part],
-            tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE, own=own[near],
-        )  # fmt: skip
-        return traction, follows, own * traction, converged
+        return step.solved(normal, limit, step.lateral_mm + rigid, fields, predicts)[:4]
 
 
 def advance(
@@ -174,13 +179,16 @@ def _step(
     window: Window,
 ) -> Contact:  # fmt: skip
     """The contact after a step, unsettled if it left the window."""
-    part, pitch = (slice(None), *window), contact.pitch_mm
-    layer = contact.shear_layer.window(window)
-    spread = layer.spread_mm(1e-3 * contact.pressure_kpa[window])
-    parts = layer.parts_mm(start.shear_mpa[part])
-    step = Step(contact, layer, window, parts.sum(axis=0)[:2] + spread, start.shear_mpa[part])
-    fields = spread, parts[1, :2], start.shear_mpa[part]
-    pressure, shear, seen, predicted, moves, travel = _predicted(step, start, drive, fields)
+    part, pitch, (rows, columns) = (slice(None), *window), contact.pitch_mm, window
+    layer, shear = contact.shear_layer.window(window), start.shear_mpa[part].copy()
+    pressure, kept = 1e-3 * contact.pressure_kpa[window], (start.spread_mm, start.parts_mm)
+    is_same = (start.window, start.middle_mm) == (window, layer.middle_mm)
+    response: Any = kept if is_same else (layer.spread_mm(pressure), layer.parts_mm(shear))
+    spread, parts = response
+    axes = contact.x_mm[columns].copy(), contact.y_mm[rows].copy()
+    step = Step(contact, layer, window, axes, parts.sum(axis=0)[:2] + spread, shear)
+    fields = pressure, spread, parts[1, :2], shear
+    shear, seen, predicted, moves, travel = _predicted(step, start, drive, fields)
     normal, dome = contact, parts[1, :2]
     converged, acceleration = False, anderson(seen.size)
     possible, reference, with_mujoco = np.zeros_like(seen), seen, not seen.any()
@@ -196,7 +204,8 @@ def _step(
             pressure_kpa[window] = 1e3 * pressure
             normal = replace(normal, pressure_kpa=pressure_kpa)
         spread = layer.spread_mm(pressure)
-        shear, follows, within, found = drive.traction(step, normal, (spread, dome, shear))
+        fields = pressure, spread, dome, shear
+        shear, follows, within, found = drive.traction(step, normal, fields)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
         sheared[:2] += within
@@ -222,14 +231,15 @@ def _step(
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     error = None if travel is None else unfolded(sheared, pitch) - predicted
-    motion = Motion(start.friction, traction, slip_mm, window, parts, travel, error)
+    response = window, layer.middle_mm, spread, parts
+    motion = Motion(start.friction, traction, slip_mm, *response, travel, error)
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
 def _predicted(step: Step, start: Motion, drive: Drive, fields: Fields) -> tuple[Any, ...]:
     """The start of a step's rounds, from the contact before and its fields."""
     contact, window, pitch = step.contact, step.window, step.contact.pitch_mm
-    spread, pressure = fields[0], 1e-3 * contact.pressure_kpa[window]
+    pressure, spread, *_ = fields
     shear, follows, within, _ = drive.traction(step, contact, fields, predicts=True)
     travel = None if drive.prescribed else follows - step.lateral_mm
     seen, over = step.layer.response_mm(shear), _nearest_body(contact, window)
@@ -241,7 +251,7 @@ def _predicted(step: Step, start: Motion, drive: Drive, fields: Fields) -> tuple
     if travel is not None:
         more = _repeated(start, travel, pressure, window)
         seen = unfolded(seen + moved(more, moves, pitch, over), pitch)
-    return pressure, shear, seen, predicted, moves, travel
+    return shear, seen, predicted, moves, travel
 
 
 def _repeated(
@@ -397,48 +407,34 @@ class _Push:
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """See Slide. A prediction starts from the pressure of the contact before."""
-        contact, (rows, columns), loads = step.contact, step.window, self.loads
-        spread, dome, guess = fields
-        owner = owner_of(normal, tuple(load.shape.name for load in loads))[step.window]
-        pressure = 1e-3 * normal.pressure_kpa[step.window] * (owner >= 0)
+        contact, loads, (x, y) = step.contact, self.loads, step.axes_mm
+        owner = owner_of(normal, tuple(load.shape.name for load in loads))[step.window].copy()
+        pressure = np.where(owner >= 0, fields[0], 0.0)
         if predicts:  # with the forces of the loads
-            shares = np.ones(len(loads))
             for body, load in enumerate(loads):
-                total = pressure[owner == body].sum() * contact.pitch_mm**2
-                shares[body] = load.force_n / total if total > 0 else 1.0
-            pressure = pressure * shares[owner]
-        limit = limit_mpa([load.friction for load in loads], owner, pressure, contact.elastomer)
-        traction, follows = np.zeros_like(guess), step.lateral_mm.copy()
-        if not limit.any():
-            return traction, follows, traction, True
-        near = window_around(dilated(pressure > 0, 1))
-        part, cover = (slice(None), *near), normal.equilibrium.cover[step.window]
-        own = additional_compliance(step.layer.middle, cover, guess, limit)
-        follows += own * step.traction
-        before, limit = follows[part], np.ascontiguousarray(limit[near], np.float32)
+                total_n = (pressure * (owner == body)).sum() * contact.pitch_mm**2
+                pressure[owner == body] *= load.force_n / total_n if total_n > 0 else 1.0
+        frictions = [load.friction for load in loads]
+        limit = limit_mpa(frictions, owner, pressure, contact.elastomer).astype(np.float32)
         still = (0.0, 0.0, 0.0)
         given = np.array(
             [(*each.shear_n, each.torque_nmm, *(each.motion or still)) for each in loads]
         )
         levers, wrenches, motions, rigid = np.zeros((4, len(loads), 3))
-        x, y = contact.x_mm[columns][near[1]].copy(), contact.y_mm[rows][near[0]].copy()
-        owner, slides = np.ascontiguousarray(owner[near], np.int64), np.zeros(len(loads), bool)
-        bodies = x, y, owner, levers, wrenches, slides, rigid
-        loaded = np.ascontiguousarray(pressure[near], float)
-        _place(given, loaded, limit, contact.pitch_mm, bodies, motions)
-        traction[part], shifted_mm, converged = solve_traction(
-            step.layer.middle, limit, before - spread[part] - dome[part], guess[part],
-            bodies, PREDICTION_TOLERANCE if predicts else TOLERANCE, own[near],
-        )  # fmt: skip
-        if not predicts:  # a surface that sticks to the bodies
-            motions = np.where(slides[:, None], motions, rigid)
-            now = shifted_mm + spread[part] + dome[part]
-            before = now if slides.all() else np.where(slides[owner], now, before)
+        bodies = x, y, owner, levers, wrenches, np.zeros(len(loads), bool), rigid
+        _place(given, pressure, limit, contact.pitch_mm, bodies, motions)
+        traction, follows, within, converged, now = step.solved(
+            normal, limit, step.lateral_mm, fields, predicts, bodies
+        )
         # In a prediction, the contact moves with the bodies, less the change of the shear.
-        (center_x, center_y, radius), by_mm = levers[owner].T, motions[owner].T
-        by_mm = by_mm[:2] + by_mm[2] / radius * np.stack([center_y - y, x[:, None] - center_x])
-        follows[part] = before + np.where(owner < 0, 0.0, by_mm.transpose(0, 2, 1))
-        return traction, follows, own * traction, converged
+        for body, slides in enumerate(bodies[5]):
+            (center_x, center_y, radius), is_known = levers[body], predicts or slides
+            along_x, along_y, turn = motions[body] if is_known else rigid[body]
+            start, turn = (now if slides and not predicts else follows), turn / radius
+            along_x = start[0] + along_x + (center_y - y[:, None]) * turn
+            along_y = start[1] + along_y + (x - center_x) * turn
+            follows = np.where(owner == body, (along_x, along_y), follows)
+        return traction, follows, within, converged
 
 
 @compiled(nogil=True)

@@ -113,6 +113,8 @@ class Motion(Result):
     shear_mpa: np.ndarray  # (2, ny, nx) traction on the sensor along x and y
     slip_mm: np.ndarray  # (ny, nx) length of the shape's path over the surface so far
     window: Window | None = None
+    middle_mm: float | None = None  # thickness of the layer whose response this is
+    spread_mm: np.ndarray | None = None  # (2, rows, columns) displacement by the pressure
     parts_mm: np.ndarray | None = None  # (2, 3, rows, columns) displacement by the traction
     # (2, rows, columns) motion of the shape; None where forces were prescribed.
     travel_mm: np.ndarray | None = None

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from scipy import ndimage
 
-from t2twin.attachment.geometry import MM_PER_M, PLANE, colliding, covers_square, lies_in
+from t2twin.attachment.geometry import MM_PER_M, colliding, covers_square, lying_in
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import PITCH_MM
@@ -155,6 +155,8 @@ def without_contact(at: Place, elastomer: Elastomer) -> dict[int, str]:
     # Geoms that are only seen are left out.
     is_seen = ~collides & ((welded == own) | np.isin(bodies, bodies[collides]))
     is_seen[sensor] = True
+    is_far = welded == own
+    is_far[lying_in(model, data, np.flatnonzero(is_far & ~is_seen), *frame, elastomer)] = False
     found: dict[int, str] = {}
     for reason, applies in (
         (FIXED, is_fixed & is_fixed[sensor]),
@@ -163,28 +165,22 @@ def without_contact(at: Place, elastomer: Elastomer) -> dict[int, str]:
         (EXCLUDED, np.isin((low << 16) + high, model.exclude_signature) & ~is_paired),
         (MASKED, ~meets & ~is_paired),
     ):
-        for geom in np.flatnonzero(applies & ~is_seen).tolist():
-            if welded[geom] != own or lies_in(model, data, geom, *frame, elastomer):
-                found.setdefault(geom, reason)
+        for geom in np.flatnonzero(applies & ~is_seen & ~is_far).tolist():
+            found.setdefault(geom, reason)
     return found
 
 
 def silent_notices(at: Place, geoms: dict[int, str], elastomer: Elastomer) -> list[Notice]:
     """Of those of the geoms, with a reason each, that are in the soft layer."""
-    model, data, sensor, frame = at
+    model, data, _, frame = at
     if model.opt.disableflags & NO_CONTACTS:
         return [Notice("all bodies", DISABLED)]
-    numbers = np.array([*geoms], int)
-    apart_m = np.linalg.norm(data.geom_xpos[numbers] - data.geom_xpos[sensor], axis=1)
-    reach_m = model.geom_rbound[numbers] + model.geom_rbound[sensor]
-    near = (apart_m <= reach_m) | (model.geom_type[numbers] == PLANE)
     return [
         Notice(
             model.geom(geom).name or model.body(model.geom_bodyid[geom]).name or f"geom {geom}",
             geoms[geom],
         )
-        for geom in numbers[near].tolist()
-        if lies_in(model, data, geom, *frame, elastomer)
+        for geom in lying_in(model, data, np.array([*geoms], int), *frame, elastomer)
     ]
 
 
@@ -312,17 +308,15 @@ def _decoded(at: Place, index: int, sign: float) -> tuple[np.ndarray, np.ndarray
 
 def _add_through(at: Place, bodies: dict[int, Body]) -> None:
     """Forces on geoms welded to a sensor's, inside it: a soft contact lets bodies through."""
-    pressing = [body.number for body in bodies.values() if body.weight_n]
-    if not pressing:
-        return
-    model, data, geom, _ = at
-    welded = model.body_weldid[model.geom_bodyid]
-    is_own, is_theirs = welded == welded[geom], np.isin(welded, pressing)
+    (model, data, geom, _), contacts = at, at.data.contact
+    welded, (first, second) = model.body_weldid[model.geom_bodyid], contacts.geom.T
+    is_own = welded == welded[geom]
     is_own[geom] = False
-    contacts = data.contact
+    pressing = [body.number for body in bodies.values() if body.weight_n]
+    if not pressing or not (is_own[first] | is_own[second]).any():
+        return
+    is_theirs, rotation = np.isin(welded, pressing), data.geom_xmat[geom].reshape(3, 3)
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-    rotation = data.geom_xmat[geom].reshape(3, 3)
-    first, second = contacts.geom.T
     is_through = (is_own[first] & is_theirs[second]) | (is_own[second] & is_theirs[first])
     for index in np.flatnonzero(is_through & (first >= 0) & (second >= 0)).tolist():
         inside = (contacts[index].pos - data.geom_xpos[geom]) @ rotation - middle

@@ -99,7 +99,7 @@ def body_surface(
     if top == NOTHING_MM:
         return None
     heights -= np.float32(top)
-    heights[heights < -region.depth_mm] = NOTHING_MM
+    np.copyto(heights, NOTHING_MM, where=heights < -region.depth_mm)
     first_row, last_row, first, last = extent(heights > NOTHING_MM)
     surface = HeightMap(
         heights[first_row - 1 : last_row + 2, first - 1 : last + 2],
@@ -109,23 +109,29 @@ def body_surface(
     return surface, -top
 
 
-def lies_in(
-    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, rotation: np.ndarray,
+def lying_in(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, rotation: np.ndarray,
     position_m: np.ndarray, elastomer: Elastomer,
-) -> bool:  # fmt: skip
-    """Whether a geom contains a part of the undeformed surface of a layer in a pose."""
-    half = elastomer.width_mm / 2, elastomer.length_mm / 2
-    region = Region(*half, FAR_MM, LAYER_PITCH_MM, FAR_MM)
-    low, high = (
-        _raised(model, data, np.array([geom]), rotation * side, position_m, region)[0][1:-1, 1:-1]
-        for side in (1.0, SHAPE_FROM_SENSOR.T)
-    )
-    if model.geom_type[geom] == PLANE:
-        low[low == NOTHING_MM], high[high == NOTHING_MM] = FAR_MM, FAR_MM
-    y, x = (LAYER_PITCH_MM * (np.arange(size) - size // 2) for size in low.shape)
-    rest = elastomer.rest_surface_mm(*np.meshgrid(x, y))
-    is_under = (low[::-1] > NOTHING_MM) & (-low[::-1] < rest - IN_LAYER_MM)
-    return bool((is_under & (high > rest + IN_LAYER_MM)).any())
+) -> list[int]:  # fmt: skip
+    """Those of the geoms that contain a part of the undeformed surface of a layer in a pose."""
+    half_mm = np.array((elastomer.width_mm / 2, elastomer.length_mm / 2))
+    region = Region(*half_mm, FAR_MM, LAYER_PITCH_MM, FAR_MM)
+    low_mm, high_mm = _boxes(model, data, geoms, rotation, position_m)
+    x, y = half_mm + LAYER_PITCH_MM
+    near = (low_mm < (x, y, 0.0)) & (high_mm > (-x, -y, IN_LAYER_MM / 2 - elastomer.thickness_mm))
+    found = []
+    for geom in geoms[near.all(axis=1)].tolist():
+        of_geom = model, data, np.array([geom])
+        low, _ = _raised(*of_geom, rotation, position_m, region)
+        high, _ = _raised(*of_geom, rotation * SHAPE_FROM_SENSOR.T, position_m, region)
+        if model.geom_type[geom] == PLANE:
+            low[low == NOTHING_MM], high[high == NOTHING_MM] = FAR_MM, FAR_MM
+        y, x = (LAYER_PITCH_MM * (np.arange(size) - size // 2) for size in low.shape)
+        rest = elastomer.rest_surface_mm(*np.meshgrid(x, y))
+        is_under = (low[::-1] > NOTHING_MM) & (-low[::-1] < rest - IN_LAYER_MM)
+        if (is_under & (high > rest + IN_LAYER_MM))[1:-1, 1:-1].any():
+            found.append(geom)
+    return found
 
 
 def _raised(
@@ -133,13 +139,15 @@ def _raised(
     position_m: np.ndarray, region: Region, geometry: Geometry = "collision",
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """The height map of geoms, with a rim, and its highest point, of none NOTHING_MM."""
-    to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
-    centers_mm = MM_PER_M * (data.geom_xpos[geoms] - position_m) @ to_shape.T
+    to_shape, pitch = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T, region.pitch_mm
     half_mm = np.array((region.half_x_mm, region.half_y_mm))
-    near = _near(model, geoms, centers_mm, half_mm, region.behind_mm)
-    geoms, centers_mm = geoms[near], centers_mm[near]
+    low_mm, high_mm = _boxes(model, data, geoms, to_shape.T, position_m)
+    near = low_mm <= (*half_mm + pitch, region.behind_mm)
+    near = near.all(axis=1) & (high_mm[:, :2] >= -half_mm - pitch).all(axis=1)
+    reaches_mm = np.maximum(high_mm, -low_mm)[near, :2] + pitch
+    half_mm, geoms = np.minimum(half_mm, reaches_mm.max(axis=0, initial=0.0)), geoms[near]
+    centers_mm = MM_PER_M * (data.geom_xpos[geoms] - position_m) @ to_shape.T
     rotations = np.ascontiguousarray(to_shape @ data.geom_xmat[geoms].reshape(-1, 3, 3))
-    pitch = region.pitch_mm
     columns, rows = np.floor(half_mm / pitch + EDGE_MM).astype(int)
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
     top = NOTHING_MM
@@ -194,15 +202,16 @@ def colliding(model: "mujoco.MjModel") -> np.ndarray:
     return found
 
 
-def _near(
-    model: "mujoco.MjModel", geoms: np.ndarray, centers_mm: np.ndarray, half_mm: np.ndarray,
-    behind_mm: float,
-) -> np.ndarray:  # fmt: skip
-    """Which geoms may be over the region; the radius of a plane is 0."""
-    radius_mm = MM_PER_M * model.geom_rbound[geoms]
-    reached = (np.abs(centers_mm[:, :2]) <= half_mm + radius_mm[:, None]).all(axis=1)
-    reached &= centers_mm[:, 2] - radius_mm <= behind_mm
-    return reached | (model.geom_type[geoms] == PLANE)
+def _boxes(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, rotation: np.ndarray,
+    position_m: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Least and greatest coordinates, (n, 3) mm, of geoms along a frame's axes."""
+    turns, boxes_m = data.geom_xmat[geoms].reshape(-1, 3, 3), model.geom_aabb[geoms, :, None]
+    centers_m = (turns @ boxes_m[:, :3])[..., 0] + data.geom_xpos[geoms] - position_m
+    centers_mm = MM_PER_M * centers_m @ rotation
+    halves_mm = MM_PER_M * (np.abs(rotation.T @ turns) @ boxes_m[:, 3:])[..., 0]
+    return centers_mm - halves_mm, centers_mm + halves_mm
 
 
 # Triangles of living models, with a height field's data.

@@ -281,12 +281,9 @@ class AttachedSensor:
         rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
         reading: Any = None if state.touch is None else state.touch[self.sensor]
         reading = self.device.read(contact, rng, reading, data.time - state.touch_s)
-        touch = replace(
-            NO_TOUCH, readings={self.sensor: reading}, sensor_to_world=frame.matrix,
-            notices=tuple(notices),
-        )  # fmt: skip
-        if contact is not None:
-            touch = replace(touch, shape=contact.shape, command=contact.command)
+        pressed, readings = contact or NO_TOUCH, {self.sensor: reading}
+        pose = pressed.shape, pressed.command
+        touch = Touch(*pose, readings, frame.matrix, tuple(notices))
         state.touch, state.touch_s, state.places, state.seen = touch, data.time, places, seen
         state.reads += 1
         for each in notices:
@@ -301,7 +298,7 @@ class AttachedSensor:
         """The surface of a body over the sensor; None without any."""
         region = Region.of(self.elastomer)
         found = body_surface(at.model, at.data, body, *at.frame, region, self.geometry)
-        return None if found is None else replace(NOTHING, name=name, surface=found[0])
+        return None if found is None else Shape(name, NOTHING.solid, found[0], (1.0, 1.0))
 
 
 def read_all(
