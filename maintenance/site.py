@@ -20,6 +20,7 @@ END = re.compile(r"Returns |Raises ")  # start of a line that ends a list of arg
 API = """# API of all public names
 
 Every name is a member of `t2twin`. [Python API](python-api.md) shows how they are used together.
+Only the members that it lists stay in all versions 1.x.
 
 """
 

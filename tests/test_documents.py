@@ -379,6 +379,7 @@ def test_the_keys_of_a_recipe_are_listed(kind):
 
 
 CODE = re.compile(r"(\w+)((?:\.\w+)*)(\(.*\))?")
+MEMBERS = re.compile(r"(?m)^\| `([A-Z]\w+)` \| ((?:`\w+`(?:, )?)+) \|$")
 TABLE = re.compile(r"(?m)^\| (?:attribute|method) of `(\w+)` \|.*\n((?:\|.*\n)+)")
 
 
@@ -388,6 +389,8 @@ def names_in(page):
     for owner, rows in TABLE.findall(page.read_text("utf-8")):
         for row in rows.splitlines()[1:]:
             yield from (f"{owner}.{name}" for name in re.findall("`([^`]+)`", row.split("|")[1]))
+    for owner, names in MEMBERS.findall(page.read_text("utf-8")):
+        yield from (f"{owner}.{name}" for name in re.findall(r"\w+", names))
 
 
 def check_name(code, known):
@@ -405,6 +408,11 @@ def check_name(code, known):
         names = re.findall(r"(?:^\(|, )([a-z_]\w*)(?=[=,)])", found[3])
         known_names = inspect.signature(thing if callable(thing) else type(thing)).parameters
         assert {*names} <= {*known_names}, code
+
+
+def test_every_public_class_has_its_members_in_the_reference():
+    public = {name for name in t2twin.__all__ if name[0].isupper() and name[:6] != "T2Twin"}
+    assert public == {*dict(MEMBERS.findall((ROOT / "docs/reference/python-api.md").read_text()))}
 
 
 @pytest.mark.parametrize("page, expensive", list(cases()))

@@ -3,8 +3,8 @@
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
-from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -34,10 +34,11 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
 
 
 def test_citation_and_changelog_are_of_this_version(wheel):
-    found = metadata.version("t2twin")
+    found = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert wheel.name.startswith(f"t2twin-{found}-")
-    assert f"\nversion: {found}\n" in (ROOT / "CITATION.cff").read_text()
-    assert re.findall(r"(?m)^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text())[0] == found
+    dates = dict(re.findall(r"(?m)^## \[(.+?)\] - (.+)", (ROOT / "CHANGELOG.md").read_text()))
+    cited = f"version: {found}\ndate-released: {dates[found]}\n"
+    assert cited in (ROOT / "CITATION.cff").read_text()
 
 
 @pytest.mark.exhaustive

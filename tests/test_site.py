@@ -2,12 +2,10 @@
 
 from pathlib import Path
 
-import pytest
 import yaml
 from browser import browser
 
-import t2twin
-from maintenance.site import PAGES, as_lists, public_names
+from maintenance.site import as_lists
 
 ROOT = Path(__file__).parents[1]
 
@@ -18,15 +16,6 @@ def test_arguments_are_listed() -> None:
         "Summary.\n\n\n- `x_mm, y_mm`: place.\n    More of it.\n- `force`: in N.\n\n"
         "Returns a number."
     )
-
-
-def test_the_api_contains_every_public_name() -> None:
-    assert set(public_names()) == set(t2twin.__all__)
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_pages_of_the_root_exist(name: str) -> None:
-    assert (ROOT / name).is_file()
 
 
 def test_every_page_is_in_the_navigation() -> None:
