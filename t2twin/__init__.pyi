@@ -2,11 +2,11 @@ from .adaptation.pipeline import adapt as adapt
 from .attachment.mount import attach as attach
 from .attachment.sensor import AttachedSensor as AttachedSensor
 from .attachment.sensor import read_all as read_all
-from .calibration import calibrate as calibrate
-from .calibration import guess_light as guess_light
 from .core.errors import T2TwinError as T2TwinError
 from .core.errors import T2TwinWarning as T2TwinWarning
 from .core.frame_order import FrameOrder as FrameOrder
+from .optics_fit import calibrate as calibrate
+from .optics_fit import guess_light as guess_light
 from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report

@@ -94,18 +94,18 @@ class Optics(Record):
             given = getattr(self, name)
             if given is None:
                 continue
-            value, key = np.asarray(given), _KEYS[name]
+            value = np.asarray(given)
             shape = tuple(sizes.get(each, each) for each in dimensions)
             if value.shape != shape:
                 raise T2TwinError(
-                    f"the optics file's {key} has shape {value.shape}; it must be {shape}"
+                    f"the optics file's {name} has shape {value.shape}; it must be {shape}"
                 )
             if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-                raise T2TwinError(f"the optics file's {key} must hold finite numbers only")
+                raise T2TwinError(f"the optics file's {name} must hold finite numbers only")
             for reached in (value.min(), value.max()):
                 if not low <= reached <= high:
                     raise T2TwinError(
-                        f"the optics file's {key} reaches {reached:g}; it must lie between "
+                        f"the optics file's {name} reaches {reached:g}; it must lie between "
                         f"{low:g} and {high:g}"
                     )
         if self.background.dtype != np.uint8:
@@ -124,7 +124,7 @@ class Optics(Record):
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
-        values = {key: getattr(self, name) for name, key in _KEYS.items()}
+        values = {name: getattr(self, name) for name in _LIMITS}
         values |= {
             name: value for name, value in to_builtins(self.camera).items() if name in LIMITS
         }
@@ -143,13 +143,13 @@ class Optics(Record):
             if not is_zipfile(path):
                 raise T2TwinError("it is no NPZ file")
             with np.load(path, allow_pickle=False) as file:
-                known = {*_KEYS.values(), *LIMITS, NOISE_MIX, NOISE_TAPS, *REMARKS}
+                known = {*_LIMITS, *LIMITS, NOISE_MIX, NOISE_TAPS, *REMARKS}
                 if unknown := sorted({*file.files} - known):
                     raise T2TwinError(f"its {unknown[0]} is not read")
                 values: dict[str, Any] = {
-                    name: file[key] if _LIMITS[name][0] else float(file[key])
-                    for name, key in _KEYS.items()
-                    if key in file
+                    name: file[name] if dimensions else float(file[name])
+                    for name, (dimensions, _, _) in _LIMITS.items()
+                    if name in file
                 }
                 rows, columns, _ = file["background"].shape
                 seen = {name: float(file[name]) for name in LIMITS if name in file}
@@ -173,6 +173,4 @@ _LIMITS: dict[str, tuple[tuple[int | str, ...], float, float]] = {
     "lobe": (("leds", 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
     "albedo": (("rows", "columns"), *ALBEDOS),
 }
-"""Shape, least and largest value of each field but the camera and the noise."""
-_KEYS = {name: name for name in _LIMITS} | {"leds_mm": "lamps_mm"}
-"""Key of each field in the file; the LEDs' places have the key of the first optics files."""
+"""Shape, least and largest value of each field but the camera and the noise, by its key."""

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.adaptation import real_frame_evaluation as check
-from t2twin.calibration import background_warnings
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.records import read_json
 from t2twin.core.templates import render
+from t2twin.optics_fit import background_warnings
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
     MARKED,

@@ -90,10 +90,10 @@ def calibrate(
         out: Folder for optics.npz and, with presses, optics.json, optics_strip.png and
             optics_coverage.png, which shows the part of the image that no contact covers.
     """
-    from t2twin.calibration import calibrate as calibrate_optics
-    from t2twin.calibration import guess_light
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import result_folder
+    from t2twin.optics_fit import calibrate as calibrate_optics
+    from t2twin.optics_fit import guess_light
 
     of_fit = {"ball_diameter_mm": ball_diameter_mm, "held_out": fit.held_out, **fit.own_tolerances}
     given = [name.replace("_", "-") for name, value in of_fit.items() if value is not None]

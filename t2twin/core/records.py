@@ -21,7 +21,7 @@ from t2twin.core.arrays import kept
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 
-Record = TypeVar("Record")
+Kind = TypeVar("Kind")
 
 UNIT = re.compile(r"[_ ]?\(?(?:um|mm|cm|m|mn|n|kn|g|kg|rad|deg|mpa|kpa)\)?$")
 """A unit at the end of a name."""
@@ -33,7 +33,7 @@ REMARKS = ("about", "note")
 """Keys of layout and optics files that a user may add; they are not read."""
 
 
-def read_json(path: Path, kind: type[Record], made_by: str | None = None) -> Record:
+def read_json(path: Path, kind: type[Kind], made_by: str | None = None) -> Kind:
     """The record in a JSON file. kind: its dataclass. made_by: as for `_check_format`.
 
     Raises T2TwinError where the file cannot be read, has a key twice or another format, or does not
@@ -77,7 +77,7 @@ def _number(text: str) -> float:
     return value
 
 
-def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:
+def decode_json(content: bytes | str, kind: type[Kind], source: object) -> Kind:
     """The record in JSON text. kind: a dataclass; unknown keys are ignored.
 
     source: origin of the text, for messages. Raises T2TwinError for text that is not JSON, and for
@@ -90,8 +90,8 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
 
 
 def convert(
-    content: Any, kind: type[Record], source: object, strict: bool = True, row: bool = False
-) -> Record:
+    content: Any, kind: type[Kind], source: object, strict: bool = True, row: bool = False
+) -> Kind:
     """As `decode_json`, for decoded JSON or TOML. strict: whether a text is no number. row: whether
     it has the cells of a table's row by column, which the message names."""
     try:
