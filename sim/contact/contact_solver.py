@@ -278,7 +278,7 @@ class Equilibrium:
             found = np.empty((3, active.size))
             while not is_missed:
                 current, self.depths_mm = self.pressure_mpa[active], self.depths_mm.copy()
-                work = iterate_work(window_shape(pins.window), operator[1], active.size)
+                work = iterate_work(operator[-1], active.size)
                 change, steps = iterate(
                     tolerance, step, steps_left, min_slope, of_active, pins.cover, ends,
                     self._forces, self.compliance, pins.stiffens, operator, *around, work, current,
@@ -493,7 +493,7 @@ def compile_layout(elastomer: Elastomer, pitch_mm: float) -> None:
     """Compile the loops that place the pins of a press."""
     command = PressCommand("hemisphere-4", 0.0, 0.0, 0.0, 1.0)
     survey = Survey(load(command.shape), command, cached_layer(elastomer, pitch_mm))
-    PinLayout([survey], [survey.expected_contact(command.force_n)])
+    PinLayout([survey], [survey.expected_contact(command.force_n)]).stage(True)
 
 
 def compile_iteration(elastomer: Elastomer, pitch_mm: float) -> None:
@@ -501,7 +501,7 @@ def compile_iteration(elastomer: Elastomer, pitch_mm: float) -> None:
     layer, whole, one = cached_layer(elastomer, pitch_mm), np.zeros(0, int), np.ones(1)
     shape, none = layer.rest_mm.shape, np.zeros(0)
     operator = layer.operator((slice(0, shape[0]), slice(0, shape[1])))
-    work = iterate_work(shape, operator[1], 0)
+    work = iterate_work(operator[-1], 0)
     pins = whole, whole, whole, whole, none, none, none, none
     iterate(
         0.0, 1.0, 1, 0.0, pins, np.zeros((1, *shape)), np.zeros(2, int), one, one, True, operator,

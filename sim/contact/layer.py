@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.cubic_spline import cubic_spline
-from t2twin.core.jit import c2c, c2r, compiled, next_fast_len, r2c
+from t2twin.core.jit import INNER, c2c, c2r, compiled, next_fast_len, r2c
 from t2twin.sim.contact.closed_forms import (
     HANKEL_RADII,
     base_part,
@@ -129,7 +129,7 @@ class Layer:
         """
         window = window or (slice(0, self.rows), slice(0, self.columns))
         operator = self.operator(window)
-        padded = np.zeros((len(pressure_mpa), operator[1]), np.float32)
+        padded = np.zeros_like(operator[-1][1])
         padded[:, : pressure_mpa.shape[1]] = pressure_mpa
         linear = np.empty(pressure_mpa.shape, np.float32)
         convolve(padded, *operator, linear)
@@ -150,18 +150,16 @@ class Layer:
         if len(weights):
             smooth = self._smooth.of(weights.shape[1:])
             node_columns = padded_shape(weights.shape[1:])[1]
-        kernel, columns = self._kernel.of(shape)[0], padded_shape(shape)[1]
-        half, node_half = columns // 2 + 1, node_columns // 2 + 1
+        kernel = self._kernel.of(shape)[0]
         work = (
-            np.empty((kernel.shape[0], half), np.complex64),
-            np.empty((shape[0], columns), np.float32),
+            np.empty(kernel.shape, np.complex64),
+            np.empty((shape[0], padded_shape(shape)[1]), np.float32),
             np.zeros((weights.shape[1], node_columns), np.float32),
-            np.empty((smooth.shape[1], node_half), np.complex64),
-            np.empty((smooth.shape[1], node_half), np.complex64),
+            *np.empty((2, *smooth.shape[1:]), np.complex64),
             np.empty(weights.shape[1:], np.float32),
             np.empty((weights.shape[1], shape[1]), np.float32),
         )
-        return kernel, columns, smooth, node_columns, weights, *self._interpolation, work
+        return kernel, smooth, weights, *self._interpolation, work
 
 
 DOWN, ALONG, BOTH = np.array([0]), np.array([1]), np.array([1, 2])  # axes of transforms
@@ -341,21 +339,17 @@ def interpolation(per_node: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @compiled(nogil=True)
-def convolve(
-    pressure, kernel, columns, smooth, node_columns, weights, first, taps, work, linear
-):  # fmt: skip
+def convolve(pressure, kernel, smooth, weights, first, taps, work, linear):
     """Write the response to a pressure, linear, (R, C) float32, mm.
 
-    pressure: (R, A) float32, MPa, zero from column C on. kernel: (D, A // 2 + 1) transform, of
-    columns A. smooth, node_columns: the same of the further kernels on the nodes. weights:
-    (kernels, M, N) of these. first, taps: see `interpolation`. work: see `Layer.operator`.
+    pressure: (R, A) float32, MPa, zero from column C on. kernel: (D, A // 2 + 1) transform. smooth:
+    those of the further kernels on the nodes. weights: (kernels, M, N) of these. first, taps: see
+    `interpolation`. work: see `Layer.operator`.
     """
     spectrum, back, node_pressure, node_spectrum, part, nodes, lines = work
     _forward(pressure, spectrum)
     _multiply(spectrum, kernel, spectrum)
-    c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
-    scale = 1.0 / (spectrum.shape[0] * columns)
-    c2r(spectrum[: back.shape[0]], back, ALONG, False, scale, 1)
+    _back(spectrum, back)
     # Element by element: assigning an array compiles its error messages too, for seconds.
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
@@ -364,11 +358,9 @@ def convolve(
         return
     _to_nodes(pressure, first, taps, lines, node_pressure)
     _forward(node_pressure, node_spectrum)
-    scale = 1.0 / (node_spectrum.shape[0] * node_columns)
     for k in range(smooth.shape[0]):
         _multiply(node_spectrum, smooth[k], part)
-        c2c(part, part, DOWN, False, 1.0, 1)
-        c2r(part[: node_pressure.shape[0]], node_pressure, ALONG, False, scale, 1)
+        _back(part, node_pressure)
         for i in range(nodes.shape[0]):
             for j in range(nodes.shape[1]):
                 before = nodes[i, j] if k > 0 else np.float32(0.0)
@@ -387,7 +379,7 @@ def _transform(kernels, rows, columns, cut, spectra):
     r2c(cut, spectra, BOTH, True, 1.0, 1)
 
 
-@compiled(inline="always")
+@compiled(nogil=True, **INNER)
 def _forward(values, spectrum):
     """Write the transform of values, (R, A), followed by rows of zeros."""
     r2c(values, spectrum[: values.shape[0]], ALONG, True, 1.0, 1)
@@ -395,6 +387,14 @@ def _forward(values, spectrum):
         for j in range(spectrum.shape[1]):
             spectrum[i, j] = 0.0
     c2c(spectrum, spectrum, DOWN, True, 1.0, 1)
+
+
+@compiled(nogil=True, **INNER)
+def _back(spectrum, values):
+    """Write the values, (R, A), of a transform, which is overwritten; inverse of `_forward`."""
+    c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
+    scale = 1.0 / (spectrum.shape[0] * values.shape[1])
+    c2r(spectrum[: values.shape[0]], values, ALONG, False, scale, 1)
 
 
 @compiled(inline="always")
@@ -461,15 +461,13 @@ def respond(loads, kernels, work, is_known, response):
                 for j in range(loads.shape[2]):
                     lines[i, j] = loads[k, i, j]
             _forward(lines, spectra[k])
-    scale = 1.0 / (spectrum.shape[0] * lines.shape[1])
     for k in range(response.shape[0]):
         if loads.shape[0] == 1:
             _by_pressure(kernels[3 + k], spectra[0], spectrum)
         else:
             first, second = kernels[(0, 1, 3)[k]], kernels[(1, 2, 4)[k]]
             _by_shear(first, second, spectra, k == 2, spectrum)
-        c2c(spectrum, spectrum, DOWN, False, 1.0, 1)
-        c2r(spectrum[: back.shape[0]], back, ALONG, False, scale, 1)
+        _back(spectrum, back)
         for i in range(response.shape[1]):
             for j in range(response.shape[2]):
                 response[k, i, j] = back[i, j]

@@ -107,7 +107,7 @@ def _model(pins: int) -> mujoco.MjModel:
     folder = cache_dir() if pins >= MIN_CACHED_PINS else None
     if folder is None:
         return _compile(pins)
-    text = f"mjb {mujoco.__version__} {BLOCK_PINS} {_shape_mjcf(pins)} {_pins_mjcf(range(1))}"
+    text = f"mjb {mujoco.__version__} {BLOCK_PINS} {_shape_mjcf(1)} {_pins_mjcf(range(1))}"
     path = folder / "mujoco" / f"{pins}-{short_digest(text.encode())}.mjb"
     if path.is_file():
         return mujoco.MjModel.from_binary_path(str(path))

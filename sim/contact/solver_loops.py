@@ -255,12 +255,13 @@ def spring_step(
     return change
 
 
-def iterate_work(shape: tuple[int, int], across: int, pins: int) -> tuple[np.ndarray, ...]:
-    """Arrays that `iterate` works in, for a window of a shape and transforms of so many columns."""
-    sums = np.empty((shape[0] + 1, shape[1] + 1, 2))
+def iterate_work(of_layer: tuple[np.ndarray, ...], pins: int) -> tuple[np.ndarray, ...]:
+    """Arrays that `iterate` works in. of_layer: the same of `convolve`, see Layer.operator."""
+    fine, lines = np.empty_like(of_layer[1]), of_layer[-1]
+    sums = np.empty((fine.shape[0] + 1, lines.shape[1] + 1, 2))
     sums[0] = sums[:, 0] = 0.0
     memory = np.empty((2 * MEMORY + 2, pins)), np.zeros((MEMORY, MEMORY)), np.zeros(3, np.int64)
-    return np.empty((shape[0], across), np.float32), sums, np.empty((5, pins)), *memory
+    return fine, sums, np.empty((5, pins)), *memory
 
 
 @compiled(nogil=True)
@@ -277,14 +278,14 @@ def iterate(
     pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the linear
     layer, of the last step. Returns the last change and the number of steps.
     """
-    kernel, across, smooth, node_across, weights, first, taps, of_layer = operator
+    kernel, smooth, weights, first, taps, of_layer = operator
     fine, sums, of_pins, memory, normal, counts = work
     bodies, rows, columns, sides, gap, area, edge, thickness = pins
     surface, slope, tops, stiffness = of_pins[0], of_pins[1], of_pins[2], of_pins[3]
     size, change, mixed = gap.size, np.inf, of_pins[4]
     for steps in range(1, max_steps + 1):
         spread(current, bodies, rows, columns, sides, cover, fine)
-        convolve(fine, kernel, across, smooth, node_across, weights, first, taps, of_layer, linear)
+        convolve(fine, kernel, smooth, weights, first, taps, of_layer, linear)
         _mean_deflections(
             linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
         )

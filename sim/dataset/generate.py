@@ -305,8 +305,9 @@ def _make_shards(
 ) -> dict[str, Shard]:
     """Make shards, and log the time; returns them by path."""
     start, made, total = time.monotonic(), {}, Tally()
-    # The largest first, so that no long one is left alone at the end.
-    todo = sorted(todo, key=lambda batch: -batch.pairs)
+    # The longest first, so that none is left alone at the end: wide grids are of large shapes.
+    grids = {b: catalogue.properties(b.shapes[0])["spacing_mm"] for b in todo if b.indices}
+    todo = sorted(todo, key=lambda b: (-b.pairs, -np.prod(grids.get(b, 0.0))))
     pairs = sum(batch.pairs for batch in todo)
     results = _results(folder, make, todo, min(workers, len(todo)), scheduler)
     with (
