@@ -33,7 +33,8 @@ def small_change(image: np.ndarray, background: np.ndarray) -> np.ndarray:
 class Policy(nn.Module):
     """Actions from what both fingers and the hand measured so far.
 
-    touch: "counts", "image" or "none". taxels: of a finger. low, high: limits of the actions.
+    touch: "counts", "translated" counts, "image" or "none". taxels: of a finger. low, high: limits
+    of the actions.
     """
 
     def __init__(self, touch: str, taxels: int, low: np.ndarray, high: np.ndarray) -> None:
@@ -41,7 +42,7 @@ class Policy(nn.Module):
         self.made_with = [touch, taxels, low.tolist(), high.tolist()]
         self.touch, features = touch, FEATURES
         self.middle, self.reach = (torch.as_tensor(each) for each in (low + high, high - low))
-        if touch == "counts":
+        if touch in ("counts", "translated"):
             self.encoder = nn.Sequential(nn.Linear(taxels, FEATURES), nn.ReLU())
         elif touch == "image":
             self.encoder = nn.Sequential(

@@ -34,7 +34,7 @@ from t2twin.core.machine import cores
 
 EPISODES, CHUNK, UNSEEN_FROM = {"hold": 400, "pose": 1200, "insert": 400}, 10, 1_000_000
 """Episodes in training, episodes in a file, and first seed of the evaluation."""
-EPOCHS = {"counts": 150, "image": 40, "none": 80}
+EPOCHS = {"counts": 150, "translated": 150, "image": 40, "none": 80}
 Folder = tyro.conf.Positional[Path]
 NOISE = 0.2  # standard deviation of the noise on the expert's actions, of half their range
 
@@ -52,9 +52,14 @@ ARMS = {
     "GelSight Mini, translated": Arm("gelsight-mini", ("image",), "mini", "counts"),
     "DIGIT, learned on images": Arm("digit", ("image",), None, "image"),
     "no touch": Arm("cyskin-20", (), None, "none"),
+    "DIGIT, learned translated": Arm("digit", ("image",), "field", "translated"),
+    "CySkin, learned with a DIGIT": Arm("cyskin-20", ("counts",), None, "translated"),
 }
-SHOWN = {"counts": "own sensor", "image": "DIGIT, learned on images", "none": "own sensor"}
-"""The arm whose episodes each policy learns from."""
+SHOWN = {
+    "none": "no touch", "counts": "own sensor", "image": "DIGIT, learned on images",
+    "translated": "DIGIT, learned translated",
+}  # fmt: skip
+"""The arm whose episodes each policy learns from; the last one of a sensor observes all."""
 
 
 @cache
@@ -70,8 +75,10 @@ def environment(task: str, name: str, unseen: bool) -> SkillEnv:
 
 def touch_of(arm: Arm, observed: Any, background: Any) -> tuple[np.ndarray, list[bool]]:
     """What a policy gets, and of each translated image whether it is out of distribution."""
+    if arm.policy == "none":
+        return np.zeros((2, 0), np.float32), []
     if background is None:
-        return observed.get("counts", np.zeros((2, 0), np.float32)), []
+        return observed["counts"], []
     pairs = zip(observed["image"], background, strict=True)
     if arm.run is None:
         return np.stack([small_change(*pair) for pair in pairs]), []
@@ -93,17 +100,22 @@ def perform(
     background, rows, unlike, errors, is_over = info.get("background"), [], [], [], False
     half = (env.action_space.high - env.action_space.low) / 2
     while not is_over:
-        touch, of_images = touch_of(arm, observed, background)
         if watch is not None:
             watch(env, observed)
         if policy is None:
-            action = env.expert()
-            rows.append((touch, observed["hand"], action))
+            action, own = env.expert(), [ARMS[each] for each in SHOWN.values()]
+            touches = {
+                each.policy: touch_of(each, observed, background)[0]
+                for each in own
+                if each.sensor == arm.sensor
+            }
+            rows.append(touches | {"hand": observed["hand"], "actions": action})
             noise = 0.7 * noise + 0.7 * NOISE * half * rng.normal(size=half.size)
         else:
+            touch, of_images = touch_of(arm, observed, background)
+            unlike += of_images
             action, state = loaded(policy).act(touch, observed["hand"], state)
         observed, _, ended, is_last, info = env.step(action + noise)
-        unlike += of_images
         errors.append(info["errors"].tolist())
         is_over = ended or is_last
     found = {"task": task, "arm": name, "seed": seed, "object": env.kind, "errors": errors}
@@ -118,11 +130,11 @@ def demonstrate(task: str, name: str, seeds: range, path: Path) -> None:
         rows = perform(task, name, seed)["rows"]
         weights = (np.arange(steps) < len(rows)).astype(np.float32)
         rows += [rows[-1]] * (steps - len(rows))
-        episodes.append([*map(np.stack, zip(*rows, strict=True)), weights])
-    columns = map(np.stack, zip(*episodes, strict=True))
-    names = ("touch", "hand", "actions", "weights")
+        columns = {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+        episodes.append(columns | {"weights": weights})
+    columns = {key: np.stack([each[key] for each in episodes]) for key in episodes[0]}
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **dict(zip(names, columns, strict=True)))
+        np.savez_compressed(file, **columns)
 
 
 def prepare() -> None:
@@ -145,7 +157,7 @@ def train(
     """Write OUT/demonstrations and OUT/policies. share: of the demonstrations."""
     files = {}
     for task in tasks:
-        for name in sorted(set(SHOWN.values())):
+        for name in {ARMS[name].sensor: name for name in SHOWN.values()}.values():
             starts = range(0, max(CHUNK, round(EPISODES[task] * share)), CHUNK)
             folder = out / "demonstrations" / f"{task}-{ARMS[name].sensor}"
             folder.mkdir(parents=True, exist_ok=True)
@@ -154,19 +166,17 @@ def train(
     calls = [call for call in calls if not call[-1].exists()]
     list(results(workers, calls, f"demonstrations, {CHUNK} episodes each"))
     (out / "policies").mkdir(exist_ok=True)
-    for task in tasks:
-        for kind, name in SHOWN.items():
+    for task, name in files:
+        parts = [np.load(file) for file in files[task, name].values()]
+        shown = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        for kind, own in SHOWN.items():
             path = out / "policies" / f"{task}-{kind}.safetensors"
-            if path.exists():
+            if path.exists() or ARMS[own].sensor != ARMS[name].sensor:
                 continue
-            parts = [np.load(file) for file in files[task, name].values()]
-            shown = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-            if kind == "none":
-                shown["touch"] = shown["touch"][..., :0]
             torch.manual_seed(0)
-            space = TASKS[task]().action_space
-            policy = Policy(kind, shown["touch"].shape[-1], space.low, space.high)
-            learn(policy, shown, tqdm(range(EPOCHS[kind]), path.stem))
+            space, touch = TASKS[task]().action_space, shown[kind]
+            policy = Policy(kind, touch.shape[-1], space.low, space.high)
+            learn(policy, shown | {"touch": touch}, tqdm(range(EPOCHS[kind]), path.stem))
             with atomic_write(path) as temporary:
                 policy.save(temporary)
 
