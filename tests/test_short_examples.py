@@ -13,9 +13,7 @@ from pages import draw_only
 import t2twin
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-ELSEWHERE = {
-    "gripper.py", "gripper_figure.py", "gripper_scene.py", "gymnasium_grasp.py", "ros2_node.py",
-}  # fmt: skip
+ELSEWHERE = {"gripper.py", "gripper_figure.py", "gripper_scene.py", "ros2_node.py"}
 """Longer examples, in test_examples.py and test_outputs.py."""
 
 RUNS = {

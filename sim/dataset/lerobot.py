@@ -4,12 +4,12 @@ An episode is a press, or a press and the further touches of its path. A frame i
 stay PNG files, so that no video codec changes them. `features_of` lists the features.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -85,24 +85,57 @@ def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
     present = set(schema.names)
     for _, table in _tables(folder, info, scalars):
         present -= {name for name in scalars if table[name].null_count}
-    features = [*features_of(info, present), *INDICES]
+    features = features_of(info, present)
+
+    def parts() -> Iterator[Part]:
+        for split, table in _tables(folder, info):
+            path_of = table[PATH if PATH in table.column_names else "index"]
+            keys = zip(table["shape"].to_pylist(), path_of.to_pylist(), strict=True)
+            lengths = ((shape, len([*rows])) for (shape, _), rows in groupby(keys))
+            episodes = [(f"press{' and move' * (n > 1)} {shape}", n) for shape, n in lengths]
+            yield Part(split, {each.name: each.values(table) for each in features}, episodes)
+
+    content = write_lerobot(out, features, parts(), sum(info.pairs.values()))
+    write_whole(out / "meta" / "t2twin.json", (folder / INFO).read_bytes())
+    card = render("sim/dataset/lerobot_card.md", info=info, content=content)
+    write_whole(out / CARD, card.encode())
+    return content
+
+
+class Part(NamedTuple):
+    """The frames of one file."""
+
+    split: str
+    columns: dict[str, Any]  # of each feature: encoded images, or (frames, components)
+    episodes: list[tuple[str, int]]  # task and number of frames of each
+
+
+def write_lerobot(
+    out: Path, features: Sequence["Feature"], parts: Iterable[Part], total: int,
+    rate_hz: float = FRAMES_PER_SECOND,
+) -> dict[str, Any]:  # fmt: skip
+    """Write frames to a folder in LeRobot's format; returns the content of meta/info.json.
+
+    total: number of frames. rate_hz: their rate.
+    """
+    features = [*features, *INDICES]
     tasks: dict[str, int] = {}
     splits: dict[str, str] = {}
     totals: dict[str, list[np.ndarray]] = {feature.name: [] for feature in features}
-    episodes = frames = 0
-    path = out / EPISODES.format(chunk_index=0, file_index=0)
-    kinds = _episode_types(features)
-    with (
-        Progress(total=sum(info.pairs.values()), unit="pair", desc="convert") as bar,
-        table_writer(path, kinds, []) as write_episodes,
-    ):
-        for file, (split, table) in enumerate(_tables(folder, info)):
-            rows = _write_frames(out, file, table, features, (episodes, frames), tasks, totals)
-            write_episodes(pa.Table.from_pylist(rows, schema=kinds))
-            first = splits.get(split, f"{episodes}:").split(":")[0]
-            episodes, frames = episodes + len(rows), frames + len(table)
-            splits[split] = f"{first}:{episodes}"
-            bar.update(len(table))
+    tables, episodes, frames = [], 0, 0
+    with Progress(total=total, unit="frame", desc="convert") as bar:
+        for file, part in enumerate(parts):
+            before = episodes, frames
+            rows = _write_frames(out, file, part, features, before, tasks, totals, rate_hz)
+            tables.append(pa.Table.from_pylist(rows))
+            first = splits.get(part.split, f"{episodes}:").split(":")[0]
+            episodes, frames = episodes + len(rows), rows[-1]["dataset_to_index"]
+            splits[part.split] = f"{first}:{episodes}"
+            bar.update(frames - before[1])
+    with table_writer(
+        out / EPISODES.format(chunk_index=0, file_index=0), tables[0].schema, []
+    ) as write:
+        write(pa.concat_tables(tables))
     path = out / "meta" / "tasks.parquet"  # LeRobot reads the tasks as the index of a table
     numbers = pd.DataFrame({"task_index": [*tasks.values()]}, pd.Index([*tasks], name="task"))
     write_whole(path, numbers.to_parquet(None))
@@ -111,7 +144,6 @@ def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
         for each in features
     }
     write_json(out / "meta" / "stats.json", statistics)
-    write_whole(out / "meta" / "t2twin.json", (folder / INFO).read_bytes())
     content = {
         "codebase_version": VERSION,
         "robot_type": "t2twin",
@@ -121,7 +153,7 @@ def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
         "chunks_size": FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": FRAMES_PER_SECOND,
+        "fps": rate_hz,
         "splits": splits,
         "data_path": DATA,
         "video_path": None,
@@ -135,8 +167,6 @@ def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
         },
     }
     write_json(out / "meta" / "info.json", content)
-    card = render("sim/dataset/lerobot_card.md", info=info, content=content)
-    write_whole(out / CARD, card.encode())
     return content
 
 
@@ -151,29 +181,22 @@ def _tables(
 
 
 def _write_frames(
-    out: Path, file: int, table: pa.Table, features: list["Feature"], before: tuple[int, int],
-    tasks: dict[str, int], totals: dict[str, list[np.ndarray]],
+    out: Path, file: int, part: Part, features: list["Feature"], before: tuple[int, int],
+    tasks: dict[str, int], totals: dict[str, list[np.ndarray]], rate_hz: float,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Write the frames of a shard; returns the rows of its episodes.
+    """Write the frames of a file; returns the rows of its episodes.
 
-    before: numbers of the episodes and of the frames in earlier shards. tasks, totals: extended.
+    before: numbers of the episodes and of the frames in earlier files. tasks, totals: extended.
     """
     place = dict(zip(("chunk_index", "file_index"), divmod(file, FILES_PER_CHUNK), strict=True))
-    path_of = table[PATH if PATH in table.column_names else "index"]
-    keys = [*zip(table["shape"].to_pylist(), path_of.to_pylist(), strict=True)]
-    episodes, indices = [], []
-    for (shape, _), rows in groupby(range(len(keys)), keys.__getitem__):
-        own = [*rows]
-        task = f"{'press' if len(own) == 1 else 'press and move'} {shape}"
+    episodes, indices, start = [], [], before[1]
+    for task, length in part.episodes:
         number, episode = tasks.setdefault(task, len(tasks)), before[0] + len(episodes)
-        indices += [
-            (n / FRAMES_PER_SECOND, n, episode, before[1] + row, number)
-            for n, row in enumerate(own)
-        ]
-        ends = before[1] + own[0], before[1] + own[-1] + 1
-        numbers = episode, len(own), *place.values(), *ends, 0, 0
+        indices += [(n / rate_hz, n, episode, start + n, number) for n in range(length)]
+        numbers = episode, length, *place.values(), start, start + length, 0, 0
         episodes.append({"tasks": [task], **dict(zip(EPISODE_NUMBERS, numbers, strict=True))})
-    columns = {each.name: each.values(table) for each in features if each.columns}
+        start += length
+    columns = dict(part.columns)
     for each, values in zip(INDICES, zip(*indices, strict=True), strict=True):
         columns[each.name] = np.array(values, each.dtype)[:, None]
     for each in features:
@@ -279,18 +302,6 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
         names = tuple(name.removeprefix("source_").removeprefix("target_") for name in own)
         features.append(Feature(feature, "float32", (len(own),), names, tuple(own)))
     return [each for each in features if each.columns]
-
-
-def _episode_types(features: list[Feature]) -> pa.Schema:
-    """The types of the file of episodes."""
-    kinds = [("tasks", pa.list_(pa.string())), *((name, pa.int64()) for name in EPISODE_NUMBERS)]
-    numbers = pa.list_(pa.float32())
-    for each in features:
-        kind = pa.list_(pa.list_(numbers)) if each.dtype == IMAGE else numbers
-        names = ("min", "max", "mean", "std", *QUANTILES)
-        kinds += [(f"stats/{each.name}/{name}", kind) for name in names]
-        kinds.append((f"stats/{each.name}/count", pa.list_(pa.int64())))
-    return pa.schema(kinds)
 
 
 @lru_cache(maxsize=2)  # the rows of an episode repeat their background frame
