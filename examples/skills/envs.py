@@ -35,6 +35,7 @@ Info = dict[str, Any]
 
 class SkillEnv(gym.Env[Observed, np.ndarray]):
     """What the skills share. sensor: of both fingers. unseen: whether the objects are UNSEEN.
+    rate_hz, steps: actions per second, and the largest number of them in an episode.
 
     A skill defines `add_task`, which adds an object to the scene; `act`, which sets the commands of
     an action and simulates; `outcome`: whether the task is solved, and has failed; and `expert`.
@@ -46,16 +47,13 @@ class SkillEnv(gym.Env[Observed, np.ndarray]):
     errors = np.empty(0)  # of an estimate
     action_space: Any
     observation_space: Any
-    add_task: Any
-    act: Any
-    outcome: Any
-    expert: Any
 
     def __init__(
         self, sensor: str = "cyskin-20", observe: Sequence[str] = ("counts",), unseen: bool = False,
-        rate_hz: float = RATE_HZ,
+        rate_hz: float = RATE_HZ, steps: int | None = None,
     ) -> None:  # fmt: skip
         self.sensor, self.observe, self.rate_hz = sensor, tuple(observe), rate_hz
+        self.steps = steps or self.steps
         self.kinds, device = UNSEEN if unseen else TRAINING, load_sensor(sensor)
         boxes: dict[str, tuple[Any, ...]] = {
             "contact": (-np.inf, np.inf, (2, 6), np.float32),

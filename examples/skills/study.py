@@ -29,8 +29,9 @@ from tqdm import tqdm
 import t2twin
 from examples.skills.envs import RATE_HZ, TASKS, PoseEnv, SkillEnv
 from examples.skills.learn import Policy, learn, small_change
-from t2twin.core.files import atomic_write
+from t2twin.core.files import atomic_write, new_folder
 from t2twin.core.machine import cores
+from t2twin.sim.dataset.lerobot import Feature, Part, write_lerobot
 
 EPISODES, UNSEEN_FROM = {"hold": 400, "pose": 1200, "insert": 400}, 1_000_000
 """Episodes in training, and first seed of the evaluation."""
@@ -245,6 +246,20 @@ def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
     write_animation(out / f"{task}.gif", pages, RATE_HZ)
 
 
+def lerobot(out: Folder, task: str = "insert", sensor: str = "cyskin-20") -> None:
+    """Write OUT/TASK-SENSOR-lerobot, the demonstrations in LeRobot's format v3.0."""
+    paths = sorted((out / "demonstrations" / f"{task}-{sensor}").glob("*.npz"))
+    episodes = [dict(np.load(path)) for path in paths]
+    columns = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
+    touch = columns["counts" if "counts" in columns else "translated"]
+    state = np.hstack([columns["hand"], touch.reshape(len(touch), -1)])
+    part = {"observation.state": state, "action": columns["actions"]}
+    features = [Feature(name, "float32", each.shape[1:], None) for name, each in part.items()]
+    parts = [Part("train", part, [(task, len(each["hand"])) for each in episodes])]
+    with new_folder(out / f"{task}-{sensor}-lerobot") as folder:
+        write_lerobot(folder, features, parts, len(state), RATE_HZ)
+
+
 def main() -> None:
-    commands = {"train": train, "evaluate": evaluate, "picture": picture}
+    commands = {"train": train, "evaluate": evaluate, "picture": picture, "lerobot": lerobot}
     tyro.extras.subcommand_cli_from_dict(commands)
