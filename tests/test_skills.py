@@ -51,6 +51,6 @@ def test_a_place_is_learned_from_counts(tmp_path, monkeypatch):
     ]
     study.torch.manual_seed(0)
     policy = study.Policy("counts", space)
-    study.learn(policy, shown, study.tqdm(range(60)))
+    study.learn(policy, shown, 60)
     found = [policy.act(each[0], hand[0], None)[0] for each in touches]
     assert np.abs(np.ravel(found) - places.ravel()).max() < 0.3

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import nn
-from tqdm import tqdm
 
 IMAGE_PX = (36, 48)  # columns and rows of the images of the network that learns from images
 FEATURES, STATE = 64, 128  # of a finger, and of the recurrent network
@@ -76,7 +75,7 @@ class Policy(nn.Module):
         return actions[0, 0].numpy(), after
 
 
-def learn(policy: Policy, episodes: list[dict[str, np.ndarray]], epochs: tqdm) -> None:
+def learn(policy: Policy, episodes: list[dict[str, np.ndarray]], epochs: int) -> None:
     """Trains a policy by what an expert did.
 
     episodes: of each the touch, (T, 2, ...), by the policy's kind, the hand, (T, 4), and the
@@ -91,9 +90,8 @@ def learn(policy: Policy, episodes: list[dict[str, np.ndarray]], epochs: tqdm) -
     policy(policy.scaled(touches[:1]), hand[:1])  # sets the sizes of the layers
     optimizer = torch.optim.AdamW(policy.parameters(), weight_decay=1e-3)
     batches = -(-len(hand) // BATCH)
-    rates = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=len(epochs) * batches)
-    for _ in epochs:
-        losses = []
+    rates = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=epochs * batches)
+    for _ in range(epochs):
         for chosen in torch.randperm(len(hand)).tensor_split(batches):
             touch = policy.scaled(touches[chosen])
             gains = torch.randn(len(chosen), 1, 2, *[1] * (touch.dim() - 3))
@@ -106,5 +104,3 @@ def learn(policy: Policy, episodes: list[dict[str, np.ndarray]], epochs: tqdm) -
             nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
             optimizer.step()
             rates.step()
-            losses.append(loss.item())
-        epochs.set_postfix(loss=f"{np.mean(losses):.5f}", refresh=False)

@@ -108,7 +108,16 @@ def demonstrate(task: str, sensor: str, seed: int, path: Path) -> None:
         observed, _, ended, is_last, _ = env.step(rows[-1]["actions"] + noise)
         is_over = ended or is_last
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **{key: np.stack([row[key] for row in rows]) for key in row})
+        np.savez_compressed(file, **{key: np.stack([row[key] for row in rows]) for key in rows[0]})
+
+
+def teach(task: str, kind: str, paths: list[Path], path: Path) -> None:
+    """Write a policy that learned from demonstrations."""
+    torch.manual_seed(0)
+    policy = Policy(kind, TASKS[task]().action_space)
+    learn(policy, [dict(np.load(each)) for each in paths], EPOCHS[kind])
+    with atomic_write(path) as temporary:
+        save_file(policy.state_dict(), temporary)
 
 
 def perform(task: str, name: str, seed: int, path: Path, policies: Path, watch: Any = None) -> None:
@@ -140,14 +149,14 @@ def prepare() -> None:
     warnings.simplefilter("ignore")
 
 
-def run_all(function: Any, calls: dict[Path, Any], workers: int) -> None:
+def run_all(function: Any, calls: dict[Path, Any], workers: int, what: str = "episodes") -> None:
     """Call a function in processes where its file is missing; shows progress."""
     missing = {path: call for path, call in calls.items() if not path.exists()}
     for folder in {path.parent for path in missing}:
         folder.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(workers, get_context("spawn"), prepare) as pool:
         futures = [pool.submit(function, *call) for call in missing.values()]
-        for future in tqdm(as_completed(futures), "episodes", len(futures), smoothing=0.02):
+        for future in tqdm(as_completed(futures), what, len(futures), smoothing=0.02):
             future.result()
 
 
@@ -162,18 +171,14 @@ def train(
                 path = out / "demonstrations" / f"{task}-{sensor}" / f"{seed:05}.npz"
                 calls[path] = task, sensor, seed, path
     run_all(demonstrate, calls, workers)
-    for folder in dict.fromkeys(path.parent for path in calls):
-        task, sensor = folder.name.split("-", 1)
-        episodes = [dict(np.load(path)) for path in calls if path.parent == folder]
-        for kind in SHOWN[sensor]:
-            path = out / "policies" / f"{task}-{kind}.safetensors"
-            path.parent.mkdir(exist_ok=True)
-            if not path.exists():
-                torch.manual_seed(0)
-                policy = Policy(kind, TASKS[task]().action_space)
-                learn(policy, episodes, tqdm(range(EPOCHS[kind]), path.stem))
-                with atomic_write(path) as temporary:
-                    save_file(policy.state_dict(), temporary)
+    policies = {}
+    for task in tasks:
+        for sensor, kinds in SHOWN.items():
+            paths = [path for path, call in calls.items() if call[:2] == (task, sensor)]
+            for kind in kinds:
+                path = out / "policies" / f"{task}-{kind}.safetensors"
+                policies[path] = task, kind, paths, path
+    run_all(teach, policies, workers, "policies")
 
 
 def evaluate(
