@@ -11,33 +11,20 @@ import pytest
 from PIL import Image
 from spots import train_smoke
 from test_attach import FORCE_N, scene, simulate
+from test_contact_prediction import RECIPE
 
 import t2twin
 from t2twin.cli import main
 from t2twin.sim.dataset.store import read_info
 
-RECIPE = """
-name = "few"
-source = "gelsight-mini"
-target = "flexitac"
-[[parts]]
-shapes = "random"
-count = 4
-presses = 4
-place = { normal_mm = 1.0 }
-force_n = { low = 2.0, high = 6.0 }
-val_share = 0.25
-[light]
-kind = "drawn"
-frames = 1
-"""
+SENSORS = 'source = "gelsight-mini"\ntarget = "flexitac"'
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory, shape_cache) -> Path:
     """A small dataset, to 384 taxels."""
     folder = tmp_path_factory.mktemp("few")
-    (folder / "few.toml").write_text(RECIPE)
+    (folder / "few.toml").write_text(RECIPE.replace("contact_maps = true", SENSORS))
     t2twin.make_dataset(folder / "data", recipe=folder / "few.toml", workers=1, cache=shape_cache)
     return folder / "data"
 

@@ -262,7 +262,7 @@ def lerobot(out: Folder, task: str = "insert", sensor: str = "cyskin-20") -> Non
     features = [Feature(name, "float32", each.shape[1:], None) for name, each in part.items()]
     parts = [Part("train", part, [(task, len(each["hand"])) for each in episodes])]
     with new_folder(out / f"{task}-{sensor}-lerobot") as folder:
-        write_lerobot(folder, features, parts, len(state), RATE_HZ)
+        write_lerobot(folder, features, parts, len(state), int(RATE_HZ))
 
 
 def main() -> None:

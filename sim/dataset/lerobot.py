@@ -114,10 +114,7 @@ def write_lerobot(
     out: Path, features: Sequence["Feature"], parts: Iterable[Part], total: int,
     rate_hz: float = FRAMES_PER_SECOND,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write frames to a folder in LeRobot's format; returns the content of meta/info.json.
-
-    total: number of frames. rate_hz: their rate.
-    """
+    """Write frames, `total` in number, at a rate; returns the content of meta/info.json."""
     features = [*features, *INDICES]
     tasks: dict[str, int] = {}
     splits: dict[str, str] = {}
