@@ -232,9 +232,10 @@ def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
     strips: dict[str, list[Image.Image]] = {name: [] for name in list(ARMS)[:3]}
 
     def watch(env: SkillEnv, observed: Any) -> None:
+        env.model.light_castshadow[:] = 0
         show = SceneRenderer(env.model)
-        show.camera.lookat[:], show.camera.distance = [0, 0, 0.085], 0.26
-        show.camera.azimuth, show.camera.elevation = 20, -10
+        show.camera.lookat[:], show.camera.distance = [0, 0, 0.06], 0.22
+        show.camera.azimuth, show.camera.elevation = 55, -15
         frame = Image.fromarray(show.render(env.data).copy())
         show.close()
         if "image" in observed:
