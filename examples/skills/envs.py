@@ -193,8 +193,8 @@ class HoldEnv(SkillEnv):
     def add_task(self, spec: mujoco.MjSpec) -> None:
         random = self.np_random
         self.need_n = float(np.exp(random.uniform(np.log(0.6), np.log(6.0))))
-        friction, half = random.uniform(0.3, 0.9), random.uniform(0.006, 0.014)
-        place = np.array([0, random.uniform(-3e-3, 3e-3), HEIGHT_M + random.uniform(-4e-3, 4e-3)])
+        friction, half = random.uniform(0.3, 0.9), random.uniform(0.004, 0.007)  # ends in view
+        place = np.array([0, random.uniform(-3e-3, 3e-3), HEIGHT_M + random.uniform(-2e-3, 2e-3)])
         mass_kg, pose = 2 * friction * self.need_n / 9.81, (place, [1, 0, 0, 0])
         add_rod(spec, self.kind, random.uniform(5e-3, 9e-3), half, pose, friction, mass_kg)
         post = (place[2] - half) / 2  # which the sensors pass through
