@@ -62,9 +62,9 @@ ARMS = {
 
 
 @cache
-def environment(task: str, sensor: str, unseen: bool) -> SkillEnv:
-    """An environment, made once in a process."""
-    return TASKS[task](sensor, ("image",) if sensor in RUNS else ("counts",), unseen)
+def environment(task: str, sensor: str, unseen: bool, blind: bool = False) -> SkillEnv:
+    """An environment, made once in a process. blind: whether no sensor is read."""
+    return TASKS[task](sensor, () if blind else ("image" if sensor in RUNS else "counts",), unseen)
 
 
 load_run = cache(t2twin.load)
