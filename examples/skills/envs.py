@@ -228,7 +228,7 @@ class HoldEnv(SkillEnv):
 
 
 class InsertEnv(SkillEnv):
-    """Put a held peg into a hole with 0.5 mm clearance and a chamfer of 1 mm.
+    """Put a held peg into a hole with 0.5 mm clearance and a chamfer of 2 mm.
 
     The place of the hole is known, that of the peg in the hand is not. An action is the velocity of
     the hand across and up, mm/s, and its turning, degrees/s. Solved if the tip is 8 mm deep.
@@ -236,7 +236,7 @@ class InsertEnv(SkillEnv):
 
     steps, ranges = 45, ((-20.0, 20.0), (-30.0, 30.0), (-40.0, 40.0))
     grip_n, ends_solved = 10.0, True
-    DEPTH_M, CHAMFER_M, CLEARANCE_M, GOAL_M = 0.015, 0.001, 0.0005, 0.008
+    DEPTH_M, CHAMFER_M, CLEARANCE_M, GOAL_M = 0.015, 0.002, 0.0005, 0.008
 
     def add_task(self, spec: mujoco.MjSpec) -> None:
         random, angle = self.np_random, np.radians(self.np_random.uniform(-10, 10))
