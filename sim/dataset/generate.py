@@ -223,6 +223,9 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     warn(*dict.fromkeys(notes))
 
 
+_tool_invariants = cache(lambda tool: invariants(catalogue.tool_mesh(tool)))
+
+
 def tool_in(mesh: "trimesh.Trimesh") -> str | None:
     """The name of the first tool that a body of a mesh equals, or None."""
     own = invariants(mesh)
@@ -231,11 +234,6 @@ def tool_in(mesh: "trimesh.Trimesh") -> str | None:
         if (np.abs(own[:, None] / known - 1.0) < SAME_SHARE).all(axis=-1).any():
             return tool
     return None
-
-
-@cache
-def _tool_invariants(tool: str) -> np.ndarray:
-    return invariants(catalogue.tool_mesh(tool))
 
 
 def invariants(mesh: "trimesh.Trimesh") -> np.ndarray:

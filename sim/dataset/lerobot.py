@@ -52,11 +52,10 @@ LEVELS = 256  # gray levels of an image
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 # Paths of the files of frames, one for each shard, and of episodes
 DATA, EPISODES = f"data/{FILE}", f"meta/episodes/{FILE}"
-EPISODE_NUMBERS = (
+EPISODE_NUMBERS = (  # columns of whole numbers of the file of episodes
     "episode_index", "length", "data/chunk_index", "data/file_index", "dataset_from_index",
     "dataset_to_index", "meta/episodes/chunk_index", "meta/episodes/file_index",
 )  # fmt: skip
-"""Columns of whole numbers of the file of episodes."""
 
 # Quantiles of LeRobot's statistics, by name
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
@@ -253,14 +252,13 @@ class Feature:
         return flat if self.shape == (1,) else pa.FixedSizeListArray.from_arrays(flat, *self.shape)
 
 
-INDICES = (
+INDICES = (  # features that LeRobot requires
     Feature("timestamp", "float32", (1,), None),
     *(
         Feature(name, "int64", (1,), None)
         for name in ("frame_index", "episode_index", "index", "task_index")
     ),
 )
-"""Features that LeRobot requires."""
 
 
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:

@@ -67,6 +67,8 @@ CROISSANT_TYPES = {
 BATCH_ROWS = 128  # Rows of a row group, some 9 MB: the memory of a shard that is being written
 # Largest dictionary of background frames in a row group: at most one frame per row
 MAX_DICTIONARY_BYTES = 32_000_000
+# Of a file of a size and a time of change, computed once in a process.
+_sha256_at = cache(lambda path, size, changed_ns: sha256_of(path))
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
@@ -264,12 +266,6 @@ def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.Pa
         )
     with pq.ParquetFile(path) as file:
         yield file
-
-
-@cache
-def _sha256_at(path: Path, size: int, changed_ns: int) -> str:
-    """sha256 of a file of this size and time of change, computed once in a process."""
-    return sha256_of(path)
 
 
 def verify_dataset(folder: str | Path) -> list[tuple[str, str]]:
