@@ -181,10 +181,16 @@ def train(
     run_all(teach, policies, workers, "policies")
 
 
+def check_trained(folder: Path) -> None:
+    if not folder.is_dir():
+        raise SystemExit(f"{folder} does not exist; run `python -m examples.skills train` first")
+
+
 def evaluate(
     out: Folder, tasks: tuple[str, ...] = tuple(TASKS), episodes: int = 200, workers: int = cores()
 ) -> None:
     """Perform the episodes that are not in OUT/episodes yet, and write OUT/skills.json."""
+    check_trained(out / "policies")
     calls = {}
     for seed in range(UNSEEN_FROM, UNSEEN_FROM + episodes):
         for task in tasks:
@@ -254,6 +260,7 @@ def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
 
 def lerobot(out: Folder, task: str = "insert", sensor: str = "cyskin-20") -> None:
     """Write OUT/TASK-SENSOR-lerobot, the demonstrations in LeRobot's format v3.0."""
+    check_trained(out / "demonstrations" / f"{task}-{sensor}")
     paths = sorted((out / "demonstrations" / f"{task}-{sensor}").glob("*.npz"))
     episodes = [dict(np.load(path)) for path in paths]
     columns = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
