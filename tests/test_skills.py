@@ -36,7 +36,7 @@ def test_processes_give_the_episodes_of_one_and_images_only_if_observed():
 def test_a_place_is_learned_from_counts():
     from examples.skills.learn import Policy, learn, torch
 
-    rng, space = np.random.default_rng(0), gym.spaces.Box(np.float32([-1]), np.float32([1]))
+    rng, space = np.random.default_rng(0), gym.spaces.Box(-1, 1, (1,))
     places = rng.uniform(-1, 1, (256, 1, 1)).astype(np.float32)
     counts = 4000 * np.exp(-((np.linspace(-1, 1, 5, dtype=np.float32) - places[..., None]) ** 2))
     touch, hand = np.repeat(counts, 2, axis=2), np.zeros((1, 4), np.float32)

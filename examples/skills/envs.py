@@ -46,6 +46,7 @@ class SkillEnv(gym.Env[Observed, np.ndarray]):
     grip_n, ends_solved = 6.0, False  # at the start; whether an episode ends once it is solved
     errors = np.empty(0)  # of an estimate
     action_space: Any
+    expert: Any
     observation_space: Any
 
     def __init__(

@@ -107,8 +107,9 @@ def demonstrate(task: str, sensor: str, seed: int, path: Path) -> None:
         noise = 0.7 * noise + 0.7 * NOISE * half * rng.normal(size=half.size)
         observed, _, ended, is_last, _ = env.step(rows[-1]["actions"] + noise)
         is_over = ended or is_last
+    columns: Any = {key: np.stack([row[key] for row in rows]) for key in rows[0]}
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **{key: np.stack([row[key] for row in rows]) for key in rows[0]})
+        np.savez_compressed(file, **columns)
 
 
 def teach(task: str, kind: str, paths: list[Path], path: Path) -> None:
@@ -223,7 +224,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return found | {"seconds": float(np.mean([row["seconds"] for row in rows]))}
 
 
-def success(solved: np.ndarray) -> dict[str, Any]:
+def success(solved: Any) -> dict[str, Any]:
     """The share of episodes that are solved, with its 95 % interval (Wilson)."""
     interval = binomtest(int(solved.sum()), solved.size).proportion_ci(0.95, "wilson")
     limits = [100 * interval.low, 100 * interval.high]
@@ -233,6 +234,7 @@ def success(solved: np.ndarray) -> dict[str, Any]:
 
 def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
     """Write OUT/TASK.gif and OUT/TASK.png: an episode with three sensors, side by side."""
+    check_trained(out / "policies")
     from examples.gripper_figure import SceneRenderer, write_animation
 
     strips: dict[str, list[Image.Image]] = {name: [] for name in list(ARMS)[:3]}

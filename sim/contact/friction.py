@@ -56,7 +56,7 @@ ROUNDING = 1e-12  # relative increase of the potential that is due to rounding
 # mm; owner, (rows, columns) index of each cell's body; levers, wrenches, (bodies, 3); slides,
 # (bodies,), bodies whose traction is at the limit, along their rigid motion, whatever the gradient;
 # rigid, (bodies, 3), the rigid motions, which are unknowns of the others.
-Bodies = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Bodies = tuple[np.ndarray, ...]
 NO_BODIES: Bodies = (
     np.empty(0), np.empty(0), np.empty((0, 0), int), np.empty((0, 3)), np.empty((0, 3)),
     np.empty(0, bool), np.empty((0, 3)),
@@ -77,7 +77,7 @@ def solve_traction(
     (rows, columns) additional compliance of each cell. The displacement is that of the cells of a
     window around the contact, and 0 elsewhere.
     """
-    found, displacement = np.zeros((2, *wanted_mm.shape))
+    found, displacement = np.zeros(wanted_mm.shape), np.zeros(wanted_mm.shape)
     inside = limit_mpa > 0
     if not inside.any():  # without friction
         return found, displacement, True

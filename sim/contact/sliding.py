@@ -77,7 +77,7 @@ class Step(NamedTuple):
     def solved(
         self, normal: Contact, limit: np.ndarray, follows: np.ndarray, fields: "Fields", predicts:
         bool, bodies: Bodies = NO_BODIES,
-    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool, np.ndarray]:  # fmt: skip
         """The traction within a limit, (rows, columns), under the pressure of a contact, and the
         results of `Slide.traction`, of a surface that would follow the shape; its displacement."""
         _, spread, dome, guess = fields
@@ -231,8 +231,8 @@ def _step(
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     error = None if travel is None else unfolded(sheared, pitch) - predicted
-    response = window, layer.middle_mm, spread, parts
-    motion = Motion(start.friction, traction, slip_mm, *response, travel, error)
+    response = window, layer.middle_mm, spread, parts, travel, error
+    motion = Motion(start.friction, traction, slip_mm, *response)
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
@@ -433,7 +433,7 @@ class _Push:
             start, turn = (now if slides and not predicts else follows), turn / radius
             along_x = start[0] + along_x + (center_y - y[:, None]) * turn
             along_y = start[1] + along_y + (x - center_x) * turn
-            follows = np.where(owner == body, (along_x, along_y), follows)
+            follows = np.where(owner == body, np.stack([along_x, along_y]), follows)
         return traction, follows, within, converged
 
 

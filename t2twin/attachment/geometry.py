@@ -115,7 +115,7 @@ def lying_in(
 ) -> list[int]:  # fmt: skip
     """Those of the geoms that contain a part of the undeformed surface of a layer in a pose."""
     half_mm = np.array((elastomer.width_mm / 2, elastomer.length_mm / 2))
-    region = Region(*half_mm, FAR_MM, LAYER_PITCH_MM, FAR_MM)
+    region = Region(half_mm[0], half_mm[1], FAR_MM, LAYER_PITCH_MM, FAR_MM)
     low_mm, high_mm = _boxes(model, data, geoms, rotation, position_m)
     x, y = half_mm + LAYER_PITCH_MM
     near = (low_mm < (x, y, 0.0)) & (high_mm > (-x, -y, IN_LAYER_MM / 2 - elastomer.thickness_mm))
