@@ -11,12 +11,12 @@ PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
     "t2twin": 9_250,
-    "translate": 7_600,
-    "sim": 14_910,
+    "translate": 7_598,
+    "sim": 14_908,
     "primitives_cad": 2_540,
     "maintenance": 620,
-    "tests": 19_000,
-    "benchmarks": 6_990,
+    "tests": 18_998,
+    "benchmarks": 6_970,
 }
 """Lines of Python of each folder. A budget only falls: lower it when a folder shrinks."""
 
