@@ -234,9 +234,9 @@ def success(solved: Any) -> dict[str, Any]:
 
 def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
     """Write OUT/TASK.gif and OUT/TASK.png: an episode with three sensors, side by side."""
-    check_trained(out / "policies")
     from examples.gripper_figure import SceneRenderer, write_animation
 
+    check_trained(out / "policies")
     strips: dict[str, list[Image.Image]] = {name: [] for name in list(ARMS)[:3]}
 
     def watch(env: SkillEnv, observed: Any) -> None:
@@ -262,8 +262,9 @@ def picture(out: Folder, task: str = "insert", seed: int = UNSEEN_FROM) -> None:
 
 def lerobot(out: Folder, task: str = "insert", sensor: str = "cyskin-20") -> None:
     """Write OUT/TASK-SENSOR-lerobot, the demonstrations in LeRobot's format v3.0."""
-    check_trained(out / "demonstrations" / f"{task}-{sensor}")
-    paths = sorted((out / "demonstrations" / f"{task}-{sensor}").glob("*.npz"))
+    folder = out / "demonstrations" / f"{task}-{sensor}"
+    check_trained(folder)
+    paths = sorted(folder.glob("*.npz"))
     episodes = [dict(np.load(path)) for path in paths]
     columns = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
     touch = columns["counts" if "counts" in columns else "translated"]
@@ -271,8 +272,8 @@ def lerobot(out: Folder, task: str = "insert", sensor: str = "cyskin-20") -> Non
     part = {"observation.state": state, "action": columns["actions"]}
     features = [Feature(name, "float32", each.shape[1:], None) for name, each in part.items()]
     parts = [Part("train", part, [(task, len(each["hand"])) for each in episodes])]
-    with new_folder(out / f"{task}-{sensor}-lerobot") as folder:
-        write_lerobot(folder, features, parts, len(state), int(RATE_HZ))
+    with new_folder(out / f"{task}-{sensor}-lerobot") as temporary:
+        write_lerobot(temporary, features, parts, len(state), int(RATE_HZ))
 
 
 def main() -> None:

@@ -64,7 +64,7 @@ def _check_format(content: dict[str, Any], path: Path, made_by: str | None = Non
     the file; None for a user's, which may omit the format."""
     found = content.pop("format", "missing" if made_by else FORMAT)
     if str(found) != FORMAT:
-        way = f"make it anew in another folder with {made_by}" if made_by else "remove this key"
+        way = f"make it again in another folder with {made_by}" if made_by else "remove this key"
         raise T2TwinError(
             f"{path} is of another version of t2twin: format is {found}, expected {FORMAT}; {way}"
         )
