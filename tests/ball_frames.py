@@ -3,10 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from kinds import gel_camera
 from msgspec import structs
 from PIL import Image
 
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.surface import ball_surface
 
@@ -32,6 +35,15 @@ def small_digit() -> GelCamera:
     assert own.units is not None
     units = structs.replace(own.units, scale_px_per_mm=(8.6, 10.6))
     return GelCamera(structs.replace(own, name="small", camera=camera, light=light, units=units))
+
+
+def refused(folder, *, ball_mm=BALL_MM, **options) -> str:
+    """The message with which a calibration to these frames is refused."""
+    with pytest.raises(T2TwinError) as error:
+        calibrate(folder / "background.png", folder, ball_mm, tolerance=None, **options)
+    said = str(error.value)
+    assert "\n" not in said
+    return said
 
 
 def write_frames(folder: Path, sensor: GelCamera | None = None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ball_frames import BALL_MM, HELD_OUT, POSES, save, small_digit
+from ball_frames import BALL_MM, HELD_OUT, POSES, refused, save, small_digit
 from kinds import psnr
 from msgspec import structs
 from PIL import Image
@@ -131,19 +131,13 @@ def copy(small_unit, tmp_path):
     return shutil.copytree(small_unit, tmp_path / "copy")
 
 
-def refused(folder, held_out=None):
-    given = folder / "background.png", folder, BALL_MM, held_out
-    with pytest.raises(T2TwinError) as error:
-        calibrate(*given, tolerance=None, sensor=SMALL)
-    return str(error.value)
-
-
 def test_a_frame_of_another_size_is_refused(copy):
     save(np.zeros((64, 48, 3), np.uint8), copy / "press_04.png")
-    assert re.search(r"press_04\.png is 48 wide, 64 high.*120 wide, 160 high", refused(copy))
+    said = refused(copy, sensor=SMALL)
+    assert re.search(r"press_04\.png is 48 wide, 64 high.*120 wide, 160 high", said)
     for path in copy.glob("*.png"):
         save(np.zeros((64, 48, 3), np.uint8), path)
-    assert "must be 120 wide, 160 high" in refused(copy)
+    assert "must be 120 wide, 160 high" in refused(copy, sensor=SMALL)
 
 
 def test_frames_as_the_camera_has_them_are_turned_upright():
@@ -170,16 +164,16 @@ def test_frames_that_no_sensor_takes_are_named(copy):
     }
     for name, each in wrong.items():
         save(each.astype(np.uint8), path)
-        assert f"press_04.png is {name}; expected frames" in refused(copy)
+        assert f"press_04.png is {name}; expected frames" in refused(copy, sensor=SMALL)
         with pytest.raises(T2TwinError, match=f"press_04.png is {name}"):
             guess_light(path, sensor=SMALL)
 
 
 def test_too_few_presses_are_refused(copy):
-    assert "14 places would do" in refused(copy, 8)
+    assert "14 places would do" in refused(copy, sensor=SMALL, held_out=8)
     for path in sorted(copy.glob("press_*"))[1:9]:
         shutil.copy(copy / "press_00.png", path)
-    assert "9 frames of presses at 1 place" in refused(copy, 3)
+    assert "9 frames of presses at 1 place" in refused(copy, sensor=SMALL, held_out=3)
 
 
 def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, monkeypatch):
@@ -192,7 +186,7 @@ def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, monk
         stripes = np.where((rows - round(row)) // 12 % 2, 40, -40) * pressed
         save(np.clip(background + stripes[..., None], 0, 255).astype(np.uint8), path)
     monkeypatch.setattr(BallFit, "_refined", lambda *_: pytest.fail("the long fit has begun"))
-    said = refused(copy)
+    said = refused(copy, sensor=SMALL)
     assert re.search("% of the presses' change of the background unexplained.*press_0", said)
 
 

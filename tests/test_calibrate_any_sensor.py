@@ -6,7 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from ball_frames import save
+from ball_frames import refused, save
 from kinds import psnr
 from msgspec import structs
 
@@ -138,15 +138,6 @@ def written(folder, background, frames):
     return folder
 
 
-def refused(folder, *, ball_mm=BALL_MM, sensor, **options):
-    options |= {"tolerance": None, "sensor": sensor}
-    with pytest.raises(T2TwinError) as error:
-        calibrate(folder / "background.png", folder, ball_mm, **options)
-    said = str(error.value)
-    assert "\n" not in said
-    return said
-
-
 def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
     sensor = sensor_of()
     frames = frames_of(sensor, poses_of(9))
@@ -174,7 +165,7 @@ def test_frames_of_one_place_are_in_one_part(tmp_path):
     for index in (7, *range(9, 16)):
         (folder / f"press_{index:02d}.png").unlink()
     assert read(2, sensor, sensor.camera, None)[2] == [6]  # the other one is at a fitted place
-    said = refused(folder, sensor=sensor, held_out=3)
+    said = refused(folder, ball_mm=BALL_MM, sensor=sensor, held_out=3)
     assert "8 frames of presses at 7 places, of which 3" in said and "9 places would do" in said
     assert read(None, sensor, sensor.camera, None)[2] == [6]  # eight frames at seven places
 

@@ -1,6 +1,7 @@
 import json
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -75,9 +76,11 @@ def test_words_that_cannot_be_meant_are_named(capsys):
     assert "--x-mm is given 2 times" in capsys.readouterr().err
 
 
-def test_doctor_finds_this_machine_fit(capsys):
-    run("doctor")
-    assert "FAIL" not in capsys.readouterr().out
+@pytest.mark.parametrize("free_gib", [4, 1])
+def test_doctor_says_what_this_machine_lacks(capsys, monkeypatch, free_gib):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free_gib * 2**30))
+    run("doctor", code=int(free_gib < 4))
+    assert capsys.readouterr().out.count("FAIL  disk") == (free_gib < 4)
 
 
 def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, capsys, monkeypatch):

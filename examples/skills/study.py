@@ -51,7 +51,7 @@ class Arm(NamedTuple):
 
 
 ARMS = {
-    "own sensor": Arm("cyskin-20", "counts"),
+    "CySkin": Arm("cyskin-20", "counts"),
     "DIGIT, translated": Arm("digit", "counts"),
     "GelSight Mini, translated": Arm("gelsight-mini", "counts"),
     "DIGIT, learned on images": Arm("digit", "image"),
