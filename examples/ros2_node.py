@@ -4,8 +4,8 @@ python examples/ros2_node.py --ros-args -p camera:=0 -p background:=background.p
 
 Topics: `digit/image` (sensor_msgs/Image, rgb8), `cyskin/counts` and `cyskin/counts_std`
 (std_msgs/Float32MultiArray, one value per taxel), `cyskin/force_n` (std_msgs/Float32).
-The node needs ROS 2 with rclpy, and `pip install 't2twin[live,onnx]'`. It was tested with stand-ins
-for rclpy and its messages only, not with ROS.
+The node needs ROS 2 with rclpy, and the extras live and onnx of t2twin. It was tested with
+stand-ins for rclpy and its messages only, not with ROS.
 """
 
 # pyright: reportMissingImports=false

@@ -401,7 +401,7 @@ def check_name(code, known):
     thing = known[found[1]]
     for name in found[2].split(".")[1:]:
         known_names = {*dir(thing), *getattr(thing, "__annotations__", ())}
-        assert name in known_names or hasattr(thing, name), code
+        assert name in known_names or hasattr(thing, name) or f"{name}:" in str(thing.__doc__), code
         with suppress(T2TwinError):  # what another object has
             thing = getattr(thing, name, None)
     if found[3] and thing is not None:

@@ -56,7 +56,7 @@ def train(
         minutes: Maximum minutes. The epochs are planned to fit; with a fixed learning rate, the
             epoch in which they are over is the last.
         steps: Maximum steps, rounded to whole epochs. Default: the preset's.
-        init_from: Run of the same model, whose weights are the initial weights.
+        init_from: Run of the same model, or name of a pretrained run, for the initial weights.
         direction: Of the dataset's sensors; image-to-counts and counts-to-image are for a gel
             camera and a taxel array, whichever is the source.
         iou_weight: Weight of the soft IoU loss of the tactile image; that of L1 is 100. touch2touch
@@ -104,7 +104,7 @@ def evaluate(
     """Evaluate trained translators, with baselines and error floors; writes metrics.json.
 
     Args:
-        runs: Folders of trained runs.
+        runs: Folders of trained runs, or names of pretrained runs.
         data: Folder of the dataset, of training or any other. touch2touch also accepts another
             taxel layout inside its own, field any on the cover.
         split: val (in the paper's protocol: new versions of primitives), test (hand tools) or both.
@@ -134,9 +134,9 @@ def report(
     Args:
         out: Folder to write into.
         data: Folder of the dataset.
-        runs: Folders of trained runs. The page shows their results, learning curves and errors, on
-            a simulated dataset or on imported pairs. Without runs it shows the dataset: shapes,
-            images, forces, saturation.
+        runs: Folders of trained runs, or names of pretrained runs. The page shows their results,
+            learning curves and errors, on a simulated dataset or on imported pairs. Without runs it
+            shows the dataset: shapes, images, forces, saturation.
         evaluation: Folder of `evaluate --split both` with the same runs and dataset; the folder
             evaluate next to --out unless given. If neither matches, the runs are evaluated.
     """
@@ -166,8 +166,8 @@ class PredictionOptions:
             Default: the run's own.
         bf16: Compute in bfloat16 if the run's preset and the processor support it: faster, counts
             differ by up to some hundreds.
-        background: Background frame of the same sensor, for a field run. Default: the mean
-            background frame of its training.
+        background: Background frame of the same sensor, stored as the frames, for a field run.
+            Default: the mean background frame of its training.
     """
 
     run: str = PRETRAINED
@@ -189,8 +189,8 @@ def translate(
     """Translate images to counts; writes counts.csv, counts.json and PNG files.
 
     A field run also writes counts_std.csv, the standard deviation of each count, and the force, if
-    it was trained on several. Its PNG files fade to white with increasing uncertainty. A run of
-    other sensors writes counts.csv or predicted images.
+    it was trained on several. Its PNG files fade to white with increasing uncertainty. A run
+    from counts or to images writes counts.csv or predicted images.
 
     Args:
         images: PNG or JPEG files of any size, upright and in color, or folders of such files. For

@@ -397,14 +397,14 @@ def studio(
     """Press shapes and translate images in a browser, until Ctrl-C.
 
     Args:
-        run: Folders of trained runs, in addition to the pretrained run; runs in the folder runs/
-            unless given.
+        run: Folders of trained runs, or names of pretrained runs, in addition to field; runs in
+            the folder runs/ unless given.
         source: Frames to translate: camera number, video file or folder.
         host: Address to listen on; reachable from this machine only unless given. 0.0.0.0 allows
             everyone who can reach this machine.
         port: Port to listen on.
-        background: Background frame of the same sensor for field runs; the mean background frame of
-            their training unless given.
+        background: Background frame of the same sensor, stored as the frames, for field runs; the
+            mean background frame of their training unless given.
     """
     if find_spec("viser") is None:
         raise T2TwinError("the studio requires viser: `pip install 't2twin[studio]'`")

@@ -16,7 +16,7 @@ class FrameOrder:
     """How the files or the camera of a unit store its frames.
 
     Args:
-        turn_deg: Clockwise rotation that makes all frames upright, also the background frame.
+        turn_deg: Clockwise rotation that makes all frames upright.
         mirror: Left and right are swapped in all frames, once they are rotated.
         bgr: Blue comes before red in all frames.
     """
