@@ -9,7 +9,7 @@ from typing import ParamSpec, TypeVar
 from t2twin.core import arguments
 from t2twin.core.errors import warn
 from t2twin.core.frame_order import FrameOrder
-from t2twin.sim.calibrate import calibrate as fits
+from t2twin.sim.calibrate import calibrate as optics
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.optical.camera import Camera
 from t2twin.translate.inference.load import load_run
@@ -23,17 +23,17 @@ def background_warnings(path: Path, order: FrameOrder, camera: Camera, sensor: s
     """That a background frame is stored in another order, or shows a contact, by pretrained runs
     of the sensor."""
     frame = upright_frame(read_frame(path, order), camera, order)
-    said = []
+    found = []
     for name in pretrained_runs():
         config = load_config(resolve_run(name))
         if config.data.camera.name != sensor or not config.has_uncertainty:
             continue
         run = load_run(name)
-        if stored := run.stored((), frame, (), order):
+        if stored := run._order_warning((), frame, (), order):
             return [f"{path}: {stored}"]
         if run.shows_contact(frame)[0]:
-            said.append(f"{path} shows a contact, by {name}; expected a frame without")
-    return said
+            found.append(f"{path} shows a contact, by {name}; expected a frame without")
+    return found
 
 
 def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
@@ -44,7 +44,7 @@ def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
         bound = inspect.signature(fit).bind(*values, **options)
         bound.apply_defaults()
         given = bound.arguments
-        sensor, camera = fits.sensor_and_camera(given["sensor"], given["camera"])
+        sensor, camera = optics.sensor_and_camera(given["sensor"], given["camera"])
         path = arguments.path(given["background"], "background")
         warn(*background_warnings(path, given["order"], camera, sensor.name))
         return fit(*values, **options)
@@ -52,4 +52,4 @@ def _warning(fit: Callable[P, Result]) -> Callable[P, Result]:
     return warned
 
 
-calibrate, guess_light = _warning(fits.calibrate), _warning(fits.guess_light)
+calibrate, guess_light = _warning(optics.calibrate), _warning(optics.guess_light)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, how_to_install
 from t2twin.core.files import check_own, record_own, sha256_of, write_error
 from t2twin.sim.touch import Touch
 
@@ -29,7 +29,7 @@ class RerunLog:
         if file.suffix != SUFFIX:
             raise T2TwinError(f"{file} is no recording; expected a name that ends in {SUFFIX}")
         if find_spec("rerun") is None:
-            raise T2TwinError("a recording needs Rerun: `pip install 't2twin[rerun]'`")
+            raise T2TwinError(f"a recording needs Rerun; {how_to_install('rerun')}")
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             check_own(file.parent, [file.name], file.name)

@@ -48,9 +48,8 @@ def run_of(counts, kinds=None) -> Any:
     kinds = kinds or [OODClass.IN_DISTRIBUTION] * len(counts)
     estimate = Estimate(FULL_SCALE, np.array(counts), ood_class=np.array(kinds, dtype=object))
     return SimpleNamespace(
-        config=SimpleNamespace(data=SimpleNamespace(array=array)),
-        has_uncertainty=False, predicts_contact=False,
-        classified_estimate=lambda *_, contact: estimate,
+        config=SimpleNamespace(data=SimpleNamespace(array=array), has_uncertainty=False),
+        predicts_contact=False, _classified_estimate=lambda *_, contact: estimate,
     )  # fmt: skip
 
 

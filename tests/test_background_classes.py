@@ -8,7 +8,7 @@ from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.training.frame_check import FORWARD
+from t2twin.translate.training.fit_frame_check import FORWARD
 from t2twin.translate.uncertainty.ood import OODClass, classify_frame, compare_with_background
 
 DIGIT = SensorPair.of(frames=1).camera

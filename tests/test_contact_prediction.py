@@ -232,7 +232,7 @@ def test_true_counts_carry_the_force_at_its_place() -> None:
     outputs = {"dense_counts": np.tile(touch.of_array.dense_counts, (3, 1))}
     outputs["force_n"] = np.array([4.0, 8.0, 4.0])
     outputs["center_mm"] = np.array([(1.0, -2.0), (4.0, -2.0), (np.nan, np.nan)])
-    off_mm, ratio = load("field").differences(outputs).values()
+    off_mm, ratio = load("field")._differences(outputs).values()
     np.testing.assert_allclose(ratio, [1.0, 0.5, np.nan], rtol=0.03)
     np.testing.assert_allclose(off_mm, [0.0, 3.0, np.nan], atol=0.3)
 

@@ -182,12 +182,12 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(small_dataset
         prepare(["mini"], small_dataset, ("val",))
     found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_OPTICS
-    run = load_run("field").need_uncertainty("the test")
+    run = load_run("field")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = SensorPair().camera.image_renderer.background
-    expected = run.estimate_pixels(run.pixels_of(list(pairs.images[:]), frame))
+    expected = run._estimate_pixels(run.pixels_of(list(pairs.images[:]), frame))
     expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
-    without = as_readings(run.estimate_pixels(pairs.images[:]), read_info(small_dataset))
+    without = as_readings(run._estimate_pixels(pairs.images[:]), read_info(small_dataset))
     assert not np.allclose(predictions, without.counts, atol=0.5)

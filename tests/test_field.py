@@ -86,7 +86,7 @@ def run_dir(data_dir: Path) -> Path:
 
 @pytest.fixture
 def run(run_dir: Path) -> TrainedTranslator:
-    return load_run(run_dir).need_uncertainty("the test")
+    return load_run(run_dir)
 
 
 @pytest.fixture(scope="module")
@@ -352,7 +352,7 @@ def test_a_background_frame_counts(run: TrainedTranslator, data_dir: Path, frame
     translator = translator_of(run)
     pairs = load_pairs(data_dir, "val", 64, False, with_dense_counts=True)
     assert pairs.backgrounds is not None
-    own = run.estimate_pixels(pairs.inputs).counts[0]
+    own = run._estimate_pixels(pairs.inputs).counts[0]
     np.testing.assert_allclose(run.predict(frame, pairs.backgrounds[:1][0]), own, atol=1.0)
     assert np.abs(run.predict(frame) - own).max() > 1.0
     train_frames = load_pairs(data_dir, "train", 64, False, with_dense_counts=True).backgrounds
@@ -422,7 +422,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     from t2twin.translate.inference.load import export_onnx
 
     dense = load_layout("cyskin-63")
-    run = run.at_layout(dense).in_float32()
+    run = run.at_layout(dense)._in_float32()
     assert export_onnx(run, tmp_path / "field.onnx") < 1.0
     session = onnxruntime.InferenceSession(tmp_path / "field.onnx")
     pixels = run.pixels_of([frame, frame[::-1]])

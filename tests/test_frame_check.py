@@ -21,8 +21,8 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.frame_check import CLASSES, SIDE, TRANSFORMED, FrameCheck, scores
 from t2twin.translate.runs.checkpoint import build, load_frame_check, save_weights
 from t2twin.translate.runs.config import FRAME_CHECK, HOME, load_config
-from t2twin.translate.training import frame_check as fitting
-from t2twin.translate.training.frame_check import ALTERATIONS, FORWARD, wrong_frame
+from t2twin.translate.training import fit_frame_check as fitting
+from t2twin.translate.training.fit_frame_check import ALTERATIONS, FORWARD, wrong_frame
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarnin
 
 @pytest.fixture(scope="module")
 def run():
-    return load_run("field").need_uncertainty("the test")
+    return load_run("field")
 
 
 def test_wrong_frames_are_what_their_class_says():
@@ -83,14 +83,14 @@ def test_a_run_gets_a_check_that_its_predictions_use(moving_dataset, tmp_path, m
     assert check is not None and torch.isfinite(check.limits).all()
     check.limits.fill_(-torch.inf)  # all frames are wrong
     save_weights(run_dir / FRAME_CHECK, check.state_dict())
-    run = load_run(run_dir).need_uncertainty("the test")
+    run = load_run(run_dir)
     even = np.full((320, 240, 3), 90, np.uint8)
     assert run.classify_frames(even) != [OODClass.IN_DISTRIBUTION]
     unknown, other = FrameCheck(check.center.numel()), FrameCheck(8)
     unknown.center.fill_(torch.nan)
     for each, words in ((unknown, "is not a frame check"), (other, "of another run")):
         save_weights(run_dir / FRAME_CHECK, each.state_dict())
-        run = load_run(run_dir).need_uncertainty("the test")
+        run = load_run(run_dir)
         with pytest.raises(T2TwinError, match=words):
             run.classify_frames(even)
 

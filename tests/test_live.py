@@ -255,7 +255,7 @@ def test_a_frame_unlike_the_training_is_reported_once(run):
 
 
 def test_a_field_run_gives_standard_deviations_and_force():
-    run = t2twin.load("field").need_uncertainty("the test")
+    run = t2twin.load("field")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
     follow(run, listed(1), lines.append, str, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size

@@ -39,7 +39,7 @@ def test_counts_are_those_of_pytorch(run_dir: Path, kept: Path, frames: np.ndarr
     np.testing.assert_allclose(counts, plain.predict(frames), atol=1.0)
     np.testing.assert_array_equal(fast.predict(frames[1]).shape, (20,))
     assert len(list(kept.iterdir())) == 1
-    assert fast.in_float32().engine is None
+    assert fast._in_float32().engine is None
 
 
 def test_a_kept_file_is_taken_again_and_the_oldest_go(
@@ -71,4 +71,4 @@ def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None
     assert own.predict(frames).shape == (3, 5) and len(list(kept.iterdir())) == 2
     pixels = fast.pixels_of(frames, frames[0])
     pixels[1, :, :, 3:] = 0  # another frame than the others'
-    np.testing.assert_array_equal(fast.predict_pixels(pixels), plain.predict_pixels(pixels))
+    np.testing.assert_array_equal(fast._predict_pixels(pixels), plain._predict_pixels(pixels))

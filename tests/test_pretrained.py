@@ -45,8 +45,8 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
     monkeypatch.setattr(run_config, "HOME", tmp_path / "home")
     monkeypatch.chdir(tmp_path)
-    by_name = load_run("mine").predict_pixels(pixels)
-    np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
+    by_name = load_run("mine")._predict_pixels(pixels)
+    np.testing.assert_allclose(by_name, load_run(runs[1])._predict_pixels(pixels), atol=100)
     card = (folder / "README.md").read_text()
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
     assert "# ResNet18, mine@1, preset smoke" in card
@@ -100,7 +100,7 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     pattern = rf"\| {CARDS[name]}, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|"
     row = re.search(pattern, card)
     assert row is not None
-    run = load_run(name).need_uncertainty("the test")
+    run = load_run(name)
     source, target = run.config.data.camera.name, run.config.data.array.name
     assert source is not None and target is not None
     sensors = SensorPair.of(source, target).with_imperfections(None)
@@ -109,7 +109,7 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
         lambda to: make_dataset(to, "small", workers=1, sensors=sensors, shapes=catalogue.OBJECTS),
     )
     pairs = load_pairs(tools, "test", run.config.preset.size, grey=False)
-    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(tools))
+    said = as_readings(run._estimate_pixels(pairs.inputs), read_info(tools))
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.array.full_scale_counts
     assert percent == pytest.approx(float(row[1]), rel=0.1)

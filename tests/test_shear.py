@@ -140,16 +140,16 @@ def test_overfits_one_batch() -> None:
 
 def test_a_trained_run_predicts_it_in_both_engines(run_dir, moving_dataset, tmp_path) -> None:
     pytest.importorskip("onnxruntime")
-    run = load_run(run_dir).need_uncertainty("the test")
+    run = load_run(run_dir)
     pairs = load_pairs(moving_dataset, "val", SMOKE.size, False, tmp_path, True)
-    estimate = run.estimate_pixels(pairs.inputs)
+    estimate = run._estimate_pixels(pairs.inputs)
     assert estimate.shear_n is not None and estimate.shear_std_n is not None
     assert estimate.shear_n.shape == estimate.shear_std_n.shape == (5, 2)
     assert (estimate.shear_std_n > 0.0).all()
     first = estimate.first()
     assert first.shear_n is not None and first.shear_n.shape == (2,)
     assert export_onnx(run, tmp_path / "run.onnx") < 1.0
-    fast = load(run_dir, engine="onnx").estimate_pixels(pairs.inputs)
+    fast = load(run_dir, engine="onnx")._estimate_pixels(pairs.inputs)
     for name, tolerance in (("shear_n", 1e-3), ("shear_std_n", 1e-3), ("force_n", 1e-2)):
         own, other = getattr(estimate, name), getattr(fast, name)
         np.testing.assert_allclose(other, own, atol=tolerance)

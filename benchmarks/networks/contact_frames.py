@@ -88,7 +88,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     shapes, still = shape_references(sensor), sensor.background_frame(np.random.default_rng(0))
     runs = {}
     for name, each in runs_by_name(options.runs).items():
-        run: Any = each.need_uncertainty("the contact")  # one or several
+        run: Any = each  # whose contact is one or several
         images = [each.image for each in shapes]
         runs[name] = {
             "real": _errors(run.contact(list(frames), background), balls),

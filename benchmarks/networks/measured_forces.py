@@ -49,7 +49,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         )
     forces = (options.frames / "forces" / f"force_{path.stem}.txt" for path in paths)
     true_n = np.array([float(path.read_text().split()[0]) for path in forces])
-    found = load_run(options.run).classified_estimate(
+    found = load_run(options.run)._classified_estimate(
         [read_frame(path) for path in paths], read_frame(options.background)
     )
     off_n, known = found.force_n - true_n, found.ood_class == OODClass.IN_DISTRIBUTION

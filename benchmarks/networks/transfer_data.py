@@ -161,7 +161,7 @@ def _predicted(
     """(P, N) counts and (P, F) float16 maps. cache: of decoded images."""
     inputs = prepare([run], data, [split])
     (loaded,) = inputs.applied.values()
-    network: Any = loaded.need_uncertainty("the benchmark").translator.predictor
+    network: Any = loaded.translator.predictor
     maps = []
     hook = network.pool.register_forward_hook(
         lambda _layer, _inputs, output: maps.append(output.flatten(1).half().numpy())

@@ -64,7 +64,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.inference.load import load_run
 
     make_dataset(options.data, recipe=RECIPE)
-    run = load_run(options.run).need_uncertainty("the benchmark")
+    run = load_run(options.run)
     info = read_info(options.data)
     role = info.role_of(IMAGE)
     frames, backgrounds = (
@@ -94,7 +94,7 @@ Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 def kinds() -> dict[str, Alter]:
     """The ways to make a wrong frame, (h, w, 3) uint8, by name."""
-    from t2twin.translate.training import frame_check as ways
+    from t2twin.translate.training import fit_frame_check as ways
 
     def transform(undo: Callable[[np.ndarray], np.ndarray]) -> Alter:
         return lambda frame, _: np.ascontiguousarray(undo(frame[None])[0])

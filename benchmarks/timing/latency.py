@@ -90,9 +90,7 @@ def _measure_contact(name: str) -> dict[str, float]:
         rng = np.random.default_rng(0)
         frames = [sensor.background_frame(rng) for _ in range(ROUNDS + 2)]
         ways = {
-            way: partial(
-                run.need_uncertainty("the benchmark").estimate, background=frames[0], contact=True
-            )
+            way: partial(run.estimate, background=frames[0], contact=True)
             for way, run in runs.items()
         }
         return _compared(ways, frames)

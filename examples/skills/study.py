@@ -90,7 +90,7 @@ def touch_of(
     pairs = zip(observed["image"], background, strict=True)
     if policy == "image":
         return np.stack([small_change(*pair) for pair in pairs]), []
-    found = [load_run(RUNS[sensor]).classified_estimate(*pair) for pair in pairs]
+    found = [load_run(RUNS[sensor]).estimate(*pair) for pair in pairs]
     unlike = [each.ood_class.inside is False for each in found]
     return np.stack([each.counts for each in found]), unlike
 

@@ -136,8 +136,8 @@ def evaluate_frames(
     3) uint8, an input of field runs."""
     layout, truth = run.config.data.array, references.counts
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
-    own = background if run.has_uncertainty else None
-    estimate = run.classified_estimate(images, own, contact=run.predicts_contact)
+    own = background if run.config.has_uncertainty else None
+    estimate = run._classified_estimate(images, own, contact=run.predicts_contact)
     contacts = estimate.contact
     counts = estimate.counts.astype(float)
     apart_mm = centroids_mm(run, counts) - centroids_mm(run, truth)
@@ -189,7 +189,7 @@ def centroids_mm(run: TrainedTranslator, counts: np.ndarray) -> np.ndarray:
 
 def background_counts(run: TrainedTranslator, background: np.ndarray) -> float:
     """Largest predicted count on a background frame, which a field run also receives as such."""
-    return float(run.predict(background, background if run.has_uncertainty else None).max())
+    return float(run.predict(background, background if run.config.has_uncertainty else None).max())
 
 
 def baseline_rmse_percent(references: References, run: TrainedTranslator) -> tuple[float, float]:

@@ -6,6 +6,7 @@ import shutil
 import sys
 from importlib.util import find_spec
 
+from t2twin.core.errors import how_to_install
 from t2twin.core.machine import NOT_INSTALLED, cores, installed_version
 
 PACKAGES = (
@@ -51,7 +52,7 @@ def _extras() -> str:
     missing = [extra for extra, module in EXTRAS.items() if find_spec(module) is None]
     if not missing:
         return f"{', '.join(EXTRAS)} are installed"
-    return f"not installed: {', '.join(missing)}; pip install 't2twin[{','.join(missing)}]'"
+    return f"not installed: {', '.join(missing)}; {how_to_install(*missing)}"
 
 
 def _solids() -> str:

@@ -269,7 +269,7 @@ def live(
         if rerun is not None:
             outputs.append(stack.enter_context(recorded(rerun)))
         follow(
-            loaded.need_counts("live"),
+            loaded._need_counts("live"),
             open_source(source, options.order, _report),
             lambda line: print(line, flush=True),
             _report,

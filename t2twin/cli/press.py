@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, how_to_install
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.machine import cores
 from t2twin.sim.press import Press
@@ -407,7 +407,7 @@ def studio(
             mean background frame of their training unless given.
     """
     if find_spec("viser") is None:
-        raise T2TwinError("the studio requires viser: `pip install 't2twin[studio]'`")
+        raise T2TwinError(f"the studio needs viser; {how_to_install('studio')}")
     from t2twin.studio.server import studio as serve
 
     with serve(run, host, port, source, background, order) as served:

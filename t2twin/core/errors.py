@@ -31,6 +31,11 @@ OUT_OF_MEMORY = (
 )
 
 
+def how_to_install(*extras: str) -> str:
+    """How to install extras. pip uses the installed t2twin, of a clone or a wheel, not an index."""
+    return f"install with: pip install 't2twin[{','.join(extras)}]', which keeps this t2twin"
+
+
 def is_out_of_memory(error: Exception) -> bool:
     """Whether an exception of Python, NumPy, torch, C++ or MuJoCo means that no memory was left."""
     messages = "allocate memory", "bad_alloc"

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, how_to_install
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
@@ -86,8 +86,8 @@ def follow(
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     if background is not None:
-        run.need_uncertainty("a background frame")
-    elif run.has_uncertainty:
+        run._need_uncertainty("a background frame")
+    elif run.config.has_uncertainty:
         report(NO_BACKGROUND)
     _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
     began_s, latest, last, translated = time.perf_counter(), LatestFrame(source), -1, 0
@@ -139,7 +139,7 @@ def _report_class(
 ) -> None:  # fmt: skip
     """Reports that a frame is out of distribution, and whether it is stored in another order."""
     classes = [OODClass(ood_class)]
-    stored = run.stored(classes, background, [frame.image], order)
+    stored = run._order_warning(classes, background, [frame.image], order)
     for said in filter(None, (unlike(classes, run.run_dir.name), stored)):
         report(said)
 
@@ -148,7 +148,7 @@ def _predicted(
     run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
     """The predicted values of a line, and the contact if the run predicts it."""
-    estimate = run.classified_estimate(image, background, contact=run.predicts_contact)
+    estimate = run._classified_estimate(image, background, contact=run.predicts_contact)
     values: dict[str, Any] = {
         name: np.rint(value).astype(int).tolist()
         for name in ("counts", "counts_std")
@@ -171,7 +171,7 @@ def published(address: str, report: Report) -> Iterator[Output]:
     Raises T2TwinError without the extra t2twin[zmq], and for an address that cannot be bound.
     """
     if find_spec("zmq") is None:
-        raise T2TwinError("--zmq needs PyZMQ: `pip install 't2twin[zmq]'`")
+        raise T2TwinError(f"--zmq needs PyZMQ; {how_to_install('zmq')}")
     import zmq
 
     context = zmq.Context()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, how_to_install
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import SUFFIXES
 
@@ -77,9 +77,7 @@ def _opened(source: int | str) -> tuple[Any, Any]:
     try:
         import cv2
     except ImportError:
-        raise T2TwinError(
-            "cameras and videos require OpenCV: `pip install 't2twin[live]'`"
-        ) from None
+        raise T2TwinError(f"cameras and videos need OpenCV; {how_to_install('live')}") from None
     is_camera = isinstance(source, int)
     capture = None
     with suppress(cv2.error):  # such as a number beyond the largest
@@ -133,7 +131,8 @@ def _video(path: Path, report: Report) -> Source:
             time.sleep(max(0.0, due_s - time.perf_counter()))
             yield Frame(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), count, None, due_s)
         if not count:
-            raise T2TwinError(f"{path} contains no readable frame")
+            codec = np.int64(capture.get(cv2.CAP_PROP_FOURCC)).tobytes()[:4].decode("latin-1")
+            raise T2TwinError(f"OpenCV decodes no frame of {path}, codec {codec!r}; try H.264")
         if count < 0.9 * announced:  # headers may be inexact (assumed)
             report(f"{path} ends after {count} of {announced:.0f} frames; it is damaged")
 

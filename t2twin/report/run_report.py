@@ -208,7 +208,7 @@ def results(report: ReportData) -> dict[str, Any]:
 
 def uncertainty(report: ReportData) -> dict[str, Any] | None:
     """Reliability diagram and risk-coverage curve; None if no run predicts uncertainty."""
-    if not any(run.has_uncertainty for run in report.runs.values()):
+    if not any(run.config.has_uncertainty for run in report.runs.values()):
         return None
 
     def draw(page: Figure) -> None:

@@ -74,23 +74,18 @@ class Translators:
     """
 
     def __init__(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
-        from t2twin.translate.runs.config import (
-            BEST,
-            CONFIG,
-            DEFAULT_RUN,
-            pretrained_runs,
-            resolve_run,
-        )
+        from t2twin.translate.runs import config
 
         self._loaded: dict[str, TrainedTranslator] = {}
         self._loading = Lock()
-        pretrained = [DEFAULT_RUN] if DEFAULT_RUN in pretrained_runs() else []
+        default = config.DEFAULT_RUN
+        pretrained = [default] if default in config.pretrained_runs() else []
         self._folders = {
-            _name(folder): folder for folder in map(resolve_run, (*pretrained, *given))
+            _name(folder): folder for folder in map(config.resolve_run, (*pretrained, *given))
         }
         models = {name: _model_of(folder) for name, folder in self._folders.items()}
         fixed = tuple(self._folders) if given else ()
-        weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
+        weights = [path.with_name(config.BEST) for path in below.glob(f"**/{config.CONFIG}")]
         existing = [path for path in weights if path.is_file()]
         for path in sorted(existing, key=lambda path: -path.stat().st_mtime):
             name = _name(path.parent)
@@ -112,7 +107,7 @@ class Translators:
             if name not in self._loaded:
                 run = load.load(self._folders[name])
                 black = np.zeros((320, 240, 3), np.uint8)
-                run.predict_pixels(run.pixels_of(black))  # warm-up: the first is slow
+                run._predict_pixels(run.pixels_of(black))  # warm-up: the first is slow
                 self._loaded[name] = run
             return self._loaded[name]
 
@@ -137,9 +132,9 @@ class Translators:
         from t2twin.translate.inference.estimate import half_width
 
         run, interval, force = self.load(name), None, None
-        data, own = run.config.data.array, background if run.has_uncertainty else None
-        estimate = run.classified_estimate(image, own, tactile=True, contact=run.predicts_contact)
-        if run.has_uncertainty:
+        data, own = run.config.data.array, background if run.config.has_uncertainty else None
+        estimate = run._classified_estimate(image, own, tactile=True, contact=run.predicts_contact)
+        if run.config.has_uncertainty:
             interval = estimate.interval(LEVEL)
         if estimate.force_n is not None and estimate.force_std_n is not None:
             value, half = float(estimate.force_n), half_width(LEVEL) * float(estimate.force_std_n)

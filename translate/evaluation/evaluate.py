@@ -124,7 +124,7 @@ def prepare(
     if loaded[0].config.is_image_to_counts:
         applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
     still = None, None
-    if any(run.has_uncertainty for run in loaded):
+    if any(run.config.has_uncertainty for run in loaded):
         still = _background(dataset, data_dir, background)
     elif background is not None:
         raise T2TwinError(
@@ -208,7 +208,7 @@ def predict_runs(
     has_dense_counts = target.value == COUNTS and target.dense_x_mm is not None
     predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
-        preset, is_sure = run.config.preset, run.has_uncertainty
+        preset, is_sure = run.config.preset, run.config.has_uncertainty
         side = side_of_maps(preset.size) if run.predicts_contact else None
         # Pairs with dense counts usually have background frames too.
         own = load_pairs(
@@ -216,14 +216,14 @@ def predict_runs(
             inputs.reverse, side,
         )  # fmt: skip
         if not is_sure:
-            predictions[name] = run.predict_pixels(own.inputs, progress=name)
+            predictions[name] = run._predict_pixels(own.inputs, progress=name)
             continue
         images = own.inputs
         if inputs.frame is not None:
             frame = to_pixels(inputs.frame, preset.size, grey=False)
             still = np.broadcast_to(frame, (len(own), *frame.shape))
             images = replace(own.images, backgrounds=still)
-        found = run.estimate_pixels(images, progress=name)
+        found = run._estimate_pixels(images, progress=name)
         estimates[name] = as_readings(found, inputs.dataset)
         predictions[name] = estimates[name].counts
         if own.contact is not None:
@@ -244,7 +244,7 @@ def contact_metrics(
 ) -> Figures:
     """The errors of a run that predicts the contact, in the cells of its maps.
 
-    pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
+    pictures: inputs of P pairs, as for `_estimate_pixels`. contact: their contact maps. force_n:
     (P,), 0 without contact; other pairs may have their contact outside the view.
     """
     half, view_mm = half_width(metrics.REPORTED_LEVEL), run.config.data.camera.view_mm
@@ -430,7 +430,9 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     """Of predicted counts."""
     array, source = inputs.info.array, inputs.info.source
     full_scale, bins = array.full_scale_counts, baselines.force_bins(pairs, train)
-    layouts = [run.config.data.array for run in inputs.trained.values() if not run.has_uncertainty]
+    layouts = [
+        run.config.data.array for run in inputs.trained.values() if not run.config.has_uncertainty
+    ]
     near, _ = baselines.neighbors(
         train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
     )

@@ -142,7 +142,7 @@ def translate_images(
         result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,
     ):
         for part, frames in _batches(images, pool, order):
-            estimate = predictor.classified_estimate(frames, frame, tactile=png)
+            estimate = predictor._classified_estimate(frames, frame, tactile=png)
             if png:
                 stds = estimate.tactile_std
                 stds = [None] * len(frames) if stds is None else stds
@@ -151,9 +151,9 @@ def translate_images(
             found.append(replace(estimate, tactile_images=None, tactile_std=None))
         whole = concatenate(found)
         _write_tables(folder, predictor, images, names, whole, background)
-    is_without = predictor.has_uncertainty and background is None
+    is_without = predictor.config.has_uncertainty and background is None
     classes = whole.ood_class.tolist()
-    stored = predictor.stored(classes, frame, images, order)
+    stored = predictor._order_warning(classes, frame, images, order)
     warn(NO_BACKGROUND if is_without else None, unlike(classes, str(run), images), stored)
     return whole.counts
 
@@ -229,7 +229,7 @@ def translate_contacts(
         result_folder(out_dir, KIND, ends, [*images, *filter(None, (background,))]) as folder,
     ):
         for _, frames in _batches(images, pool, order):
-            found += predictor.classified_estimate(frames, frame, contact=True).contact
+            found += predictor._classified_estimate(frames, frame, contact=True).contact
         list(pool.map(ContactEstimate.write, found, repeat(folder), names, repeat(png), images))
         rows = []
         for image, name, contact in zip(images, names, found, strict=True):
@@ -240,7 +240,7 @@ def translate_contacts(
             rows.append([image, name, *cells, contact.ood_class, "; ".join(contact.notes)])
         columns = [*COLUMNS, *(name for pair in VECTORS.values() for name in pair), "ood_class"]
         write_csv(folder / CONTACTS_CSV, ["image", "contact", *columns, "notes"], rows)
-    stored = predictor.stored([each.ood_class for each in found], frame, images, order)
+    stored = predictor._order_warning([each.ood_class for each in found], frame, images, order)
     warn(NO_BACKGROUND if background is None else None, stored)
     warn_of_contacts(found, images)
     return found
@@ -262,7 +262,7 @@ def translate_readings(
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
     predictor = load(run, engine="torch")
     is_other = not predictor.config.is_image_to_counts
-    predictor.need(is_other, "a translation of readings", "a run of another direction")
+    predictor._need(is_other, "a translation of readings", "a run of another direction")
     source, target = predictor.config.data.source, predictor.config.data.target
     arguments.instance(order, "order", FrameOrder)
     if source.value == COUNTS and order != UPRIGHT:

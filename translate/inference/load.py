@@ -26,7 +26,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
-from t2twin.core.errors import T2TwinError, warn
+from t2twin.core.errors import T2TwinError, how_to_install, warn
 from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
 from t2twin.sim.taxels.layout import Layout, load_layout
@@ -51,7 +51,7 @@ PARITY_IMAGES = 5  # Random images on which the file is compared with the run
 # them; for depths, micrometers
 PARITY_COUNTS = 1.0
 ONNX = ("onnx", "onnxruntime")
-NEEDS_ONNX = "needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
+NEEDS_ONNX = f"needs onnx and onnxruntime; {how_to_install('onnx')}"
 # Folder of the files in the cache folder, and their maximum number; the oldest are removed
 # (assumed: 200 MB of preset cpu)
 FOLDER, MAX_FILES = "onnx", 20
@@ -101,7 +101,7 @@ def load(
     fold_batchnorm(translator.predictor)
     predictor = TrainedTranslator(run_dir, config, translator)
     if layout is not None:
-        predictor = predictor.need_counts("a layout").at_layout(load_layout(layout))
+        predictor = predictor._need_counts("a layout").at_layout(load_layout(layout))
     if engine == "torch":
         return predictor
     is_float32_on_cpu = translator.device.type == "cpu" and not is_bf16
@@ -123,7 +123,7 @@ def load_run(
     run: str | Path, layout: str | Path | Layout | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
-    return load(run, layout, bf16, "torch").need_counts("a prediction of counts")
+    return load(run, layout, bf16, "torch")._need_counts("a prediction of counts")
 
 
 def export_onnx(
@@ -145,7 +145,7 @@ def export_onnx(
 
 
 def _export(run: TrainedTranslator, path: Path) -> float:
-    run = run.need_counts("an ONNX file").in_float32()
+    run = run._need_counts("an ONNX file")._in_float32()
     if not all(map(find_spec, ONNX)):
         raise T2TwinError(f"the export {NEEDS_ONNX}")
     preset = run.config.preset
@@ -166,9 +166,9 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
     """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
     import onnx
 
-    module = FromPixels(run.translator, run.frame_check).eval()
+    module = FromPixels(run.translator, run._frame_check).eval()
     frame = []
-    if run.has_uncertainty:
+    if run.config.has_uncertainty:
         mean_frame: Any = module.network.mean_frame
         frame = [(mean_frame * module.std + module.mean)[None]]
     given = (torch.from_numpy(_to_input(pixels)), *frame)
@@ -216,7 +216,9 @@ def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float
     inputs = run.translator.to_input(pixels / np.float32(255.0))
     tensors = run.translator.predict_all(inputs, run.predicts_contact)
     scales: dict[str, Any] = {COUNTS: 1.0, "depth_mm": 1e3}
-    if run.has_uncertainty:  # standard deviations are exponentials: rounding errors are relative
+    if (
+        run.config.has_uncertainty
+    ):  # standard deviations are exponentials: rounding errors are relative
         scales["counts_std"] = 1.0 / np.maximum(1.0, tensors["counts_std"].cpu().numpy() / 1e3)
     return max(
         float((scale * np.abs(theirs[name] - tensors[name].cpu().numpy())).max())

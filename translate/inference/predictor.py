@@ -90,7 +90,7 @@ NO_BACKGROUND = (
 # Pressures that counts are of, by interpolation (assumed: of any array)
 PRESSURES_MPA = np.append(0.0, np.geomspace(1e-6, 1e3, 2000))
 Outputs = dict[str, np.ndarray]  # Predictions for B readings by name, see Translator
-# Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot
+# Predicts pixels, as for `_predict_pixels`, with the contact or without; None if it cannot
 Compute = Callable[[np.ndarray, bool], Outputs | None]
 INSIDE = OODClass.IN_DISTRIBUTION
 VAGUE = (INSIDE, OODClass.OTHER, OODClass.UNLIKE_BACKGROUND)  # Classes that do not name the fault
@@ -141,7 +141,7 @@ class TrainedTranslator:
         readings: as for `predict`, with the same errors. Returns uint8 of one reading or of B, grey
         (S, S), or (S, S, 3) of a run in color.
         """
-        self.need(self.config.predicts_images, "predict_image", "a run that predicts images")
+        self._need(self.config.predicts_images, "predict_image", "a run that predicts images")
         found, is_one = self._predict(readings, None)
         found = found if found.shape[-1] == COLORS else found[..., 0]
         return found[0] if is_one else found
@@ -150,7 +150,7 @@ class TrainedTranslator:
         """The predictions of B readings at the network's size, and whether there is one reading."""
         source = self.config.data.source
         if source.value == COUNTS:
-            self.need(background is None, "a background frame", "a field run")
+            self._need(background is None, "a background frame", "a field run")
             counts = arguments.array(readings, "counts").astype(np.float32)
             taxels, full_scale = source.x_mm.size, source.full_scale
             is_one_per_taxel = counts.ndim in (1, 2) and counts.shape[-1] == taxels
@@ -162,10 +162,10 @@ class TrainedTranslator:
                 )
             warn(normalized(counts, full_scale))
             pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
-            return self.outputs(pixels)[self.config.data.target.value], counts.ndim == 1
+            return self._outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
-        warn(unlike(classes, self.run_dir.name), self.stored(classes, background, frames))
+        warn(unlike(classes, self.run_dir.name), self._order_warning(classes, background, frames))
         return outputs[self.config.data.target.value], is_one
 
     @cached_property
@@ -175,7 +175,7 @@ class TrainedTranslator:
         none = np.empty((0, array.x_mm.size))
         return TactilePictures.of(none, array, preset.size, preset.grey)
 
-    def predict_pixels(
+    def _predict_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> np.ndarray:
         """(B, N) counts, or (B, S, S, c) uint8 images, of pictures of the run's size and color.
@@ -184,7 +184,7 @@ class TrainedTranslator:
         with background frames. progress: title of a progress bar, or None.
         """
         self._check_pixels(pixels)
-        return self.outputs(pixels, progress)[self.config.data.target.value]
+        return self._outputs(pixels, progress)[self.config.data.target.value]
 
     def _predicted(
         self, frames: Sequence[np.ndarray], background: np.ndarray | None, contact: bool = False,
@@ -193,25 +193,25 @@ class TrainedTranslator:
         """Predictions and (B,) classes of checked images, in one pass."""
         rows, columns, _ = self.config.data.camera.image_shape
         pixels, aspect = self.pixels_of(frames, background), columns / rows
-        outputs = self.outputs(pixels, None, contact, True, tactile)
+        outputs = self._outputs(pixels, None, contact, True, tactile)
         both = zip(frames, self._classified(pixels, outputs), strict=True)
         return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]
 
-    def outputs(
+    def _outputs(
         self, pixels: np.ndarray | Pictures, progress: str | None = None,
         contact: bool = False, features: bool = False, tactile: bool = False,
     ) -> Outputs:  # fmt: skip
-        """Predictions for checked pixels; of none, those of `predict_pixels` alone."""
-        found, in_torch = [], tactile and not self.has_uncertainty
+        """Predictions for checked pixels; of none, those of `_predict_pixels` alone."""
+        found, in_torch = [], tactile and not self.config.has_uncertainty
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
             outputs = None if in_torch else self._compute(batch, contact)
             if outputs is None:
                 inputs = self.translator.to_input(batch.astype(np.float32) / WHITE_GREY)
                 tensors = self.translator.predict_all(inputs, contact, features)
-                if features and self.frame_check is not None:
+                if features and self._frame_check is not None:
                     given = tensors[FEATURES].cpu(), inputs[:, :COLORS]
-                    tensors |= self.frame_check.odds(*given)
+                    tensors |= self._frame_check.odds(*given)
                 if in_torch:
                     tensors |= self.translator.tactile_images(tensors)
                 outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
@@ -253,23 +253,23 @@ class TrainedTranslator:
         `predict` and `contact`; at least one image. `ood_class` names images for which it is not
         reliable.
         """
-        found = self.classified_estimate(images, background, tactile, contact)
+        found = self._classified_estimate(images, background, tactile, contact)
         each, contacts = found.ood_class, found.contact
         classes = [each] if isinstance(each, OODClass) else each.tolist()
-        stored = self.stored(classes, background, image_list(images)[0])
+        stored = self._order_warning(classes, background, image_list(images)[0])
         warn(None if contact else unlike(classes, self.run_dir.name), stored)
         if contact:
             warn_of_contacts(contacts if isinstance(contacts, list) else [contacts])
         return found
 
-    def classified_estimate(
+    def _classified_estimate(
         self, images: Images, background: np.ndarray | None = None, tactile: bool = False,
         contact: bool = False,
     ) -> Estimate:  # fmt: skip
         """As `estimate`, without a warning: the caller reports `ood_class`."""
-        self.need_counts("estimate")
+        self._need_counts("estimate")
         contact, tactile = arguments.flag(contact, "contact"), arguments.flag(tactile, "tactile")
-        if contact and not self.need_uncertainty("the contact").predicts_contact:
+        if contact and not self._need_uncertainty("the contact").predicts_contact:
             raise T2TwinError(
                 f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
                 f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
@@ -281,7 +281,7 @@ class TrainedTranslator:
         found = self._estimate(outputs, np.array(classes, dtype=object))
         if contact:
             sizes = [frame.shape[:2] for frame in frames]
-            outputs |= self.differences(outputs)
+            outputs |= self._differences(outputs)
             ranges = self.config.agreement.items()
             beyond = sum((outputs[n] < low) | (outputs[n] > high) for n, (low, high) in ranges)
             outputs["agrees"] = np.equal(beyond, np.zeros(len(frames)))
@@ -299,7 +299,7 @@ class TrainedTranslator:
         """
         return self.estimate(images, background, contact=True).contact
 
-    def differences(self, outputs: Outputs) -> Outputs:
+    def _differences(self, outputs: Outputs) -> Outputs:
         """(B,) of counts and contact by the names in DIFFERENCES; NaN without contact."""
         array, center = self._array, outputs["center_mm"]
         places = np.column_stack(cast(FieldTranslator, self.translator).places_mm)
@@ -315,12 +315,12 @@ class TrainedTranslator:
             ratio = carried_n / outputs.get("force_n", np.nan) + 0.0 * center[:, 0]
         return dict(zip(DIFFERENCES, (np.hypot(*(of_counts - center).T), ratio), strict=True))
 
-    def estimate_pixels(
+    def _estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
-        """As `estimate`, without classes, for images as for `predict_pixels`."""
-        self.need_counts("estimate")._check_pixels(pixels)
-        return self._estimate(self.outputs(pixels, progress), None)
+        """As `estimate`, without classes, for images as for `_predict_pixels`."""
+        self._need_counts("estimate")._check_pixels(pixels)
+        return self._estimate(self._outputs(pixels, progress), None)
 
     def _estimate(self, outputs: Outputs, classes: np.ndarray | None) -> Estimate:
         return Estimate(
@@ -349,7 +349,7 @@ class TrainedTranslator:
         are `config.data.array.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and
         for a number or a seed that is not a whole number in range.
         """
-        self.need_uncertainty("sample_dense_counts")
+        self._need_uncertainty("sample_dense_counts")
         frames, is_one = image_list(images)
         arguments.whole_number(number, "number", low=1, high=MAX_FIELDS // max(1, len(frames)))
         arguments.check_seed(seed)
@@ -369,13 +369,13 @@ class TrainedTranslator:
         return self._predicted(image_list(images)[0], background)[1]
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
-        """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
+        """(B,) classes of images, as `pixels_of` returns them, by out-of-distribution detection.
 
         Images are compared with the training images of the run, and with their background frames,
         if they have them. A run with a frame check uses it too, and the predicted force.
         """
         self._check_pixels(pixels)
-        return self._classified(pixels, self.outputs(pixels, features=True))
+        return self._classified(pixels, self._outputs(pixels, features=True))
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
@@ -388,13 +388,13 @@ class TrainedTranslator:
             ways = [detector.classify(images)]
         if has_frames:
             ways.append(compare_with_background(images, frames))
-        if self.frame_check is not None and len(images):
-            ways.append(self.frame_check.classify(outputs, has_frames))
-        base = OODClass.NOT_COMPARED if detector is self.frame_check is None else INSIDE
+        if self._frame_check is not None and len(images):
+            ways.append(self._frame_check.classify(outputs, has_frames))
+        base = OODClass.NOT_COMPARED if detector is self._frame_check is None else INSIDE
         both = zip(*ways, strict=True)
         found = [next((e for e in each if e.inside is False), base) for each in both]
         known = self.config.data.force_n
-        if self.frame_check is None or not known or "force_n" not in outputs:
+        if self._frame_check is None or not known or "force_n" not in outputs:
             return found
         force_n, half = outputs["force_n"], FORCE_STDS * outputs["force_std_n"]
         too_low = (force_n > SURE * half) & (force_n < known[0])
@@ -409,7 +409,7 @@ class TrainedTranslator:
                 found[n] = OODClass.FORCE
         return found
 
-    def stored(
+    def _order_warning(
         self, classes: Sequence[OODClass], background: np.ndarray | None,
         images: Sequence[np.ndarray | Path], order: FrameOrder | None = None,
     ) -> str | None:  # fmt: skip
@@ -460,7 +460,7 @@ class TrainedTranslator:
     def _order(self) -> Callable[[bytes], tuple[FrameOrder, float]]:
         """The likeliest order of a frame, (S, S, 3) uint8, and its logarithm of the odds less that
         of UPRIGHT. A frame that returns is compared once."""
-        check, size = self.frame_check, self.config.preset.size
+        check, size = self._frame_check, self.config.preset.size
         orders = [FrameOrder(*each) for each in product(TURNS_DEG, (False, True), (False, True))]
 
         @lru_cache(MAX_BACKGROUNDS)
@@ -480,7 +480,7 @@ class TrainedTranslator:
 
         Arguments and errors: as for `predict`. False for a run that predicts no force.
         """
-        self.need_uncertainty("shows_contact")
+        self._need_uncertainty("shows_contact")
         return [self._touched(frame.tobytes()) for frame in self.pixels_of(images)]
 
     @cached_property
@@ -492,12 +492,12 @@ class TrainedTranslator:
         @lru_cache(MAX_BACKGROUNDS)
         def touched(content: bytes) -> bool:
             frame = np.frombuffer(content, np.uint8).reshape(1, size, size, COLORS)
-            outputs = self.outputs(frame)
+            outputs = self._outputs(frame)
             if not known or "force_n" not in outputs or outputs["force_n"][0] <= known[0]:
                 return False
             if not self.predicts_contact:
                 return bool(outputs["force_n"] > FORCE_STDS * outputs["force_std_n"])
-            outputs = self.outputs(frame, contact=True)
+            outputs = self._outputs(frame, contact=True)
             depth_mm = MAX_DEPTH_STD * np.abs(outputs["depth_mm"]).sum()
             return bool(outputs["depth_std_mm"].sum() < depth_mm)
 
@@ -509,32 +509,27 @@ class TrainedTranslator:
         return self.run_dir.name if self.run_dir.parent == HOME else str(self.run_dir)
 
     @cached_property
-    def frame_check(self) -> FrameCheck | None:
+    def _frame_check(self) -> FrameCheck | None:
         """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
         return load_frame_check(self.run_dir)
-
-    @property
-    def has_uncertainty(self) -> bool:
-        """Whether it is a field run, which predicts dense counts, force and uncertainty."""
-        return self.config.has_uncertainty
 
     @property
     def predicts_contact(self) -> bool:
         """Whether the run predicts the contact."""
         return bool(self.config.data.has_contact)
 
-    def need(self, has: bool, purpose: str, needed: str) -> Self:
+    def _need(self, has: bool, purpose: str, needed: str) -> Self:
         """The run. Raises T2TwinError unless it has what a purpose needs."""
         self.config.need(has, self.run_dir, purpose, needed)
         return self
 
-    def need_counts(self, purpose: str) -> Self:
+    def _need_counts(self, purpose: str) -> Self:
         """The run. Raises T2TwinError unless it predicts counts from images."""
-        return self.need(self.config.is_image_to_counts, purpose, "an image-to-counts run")
+        return self._need(self.config.is_image_to_counts, purpose, "an image-to-counts run")
 
-    def need_uncertainty(self, purpose: str) -> Self:
+    def _need_uncertainty(self, purpose: str) -> Self:
         """The run. Raises T2TwinError unless it is a field run."""
-        return self.need(self.has_uncertainty, purpose, "a field run")
+        return self._need(self.config.has_uncertainty, purpose, "a field run")
 
     def at_layout(self, layout: Layout) -> Self:
         """The same run with the counts of another taxel layout; of its own, the same object.
@@ -546,12 +541,12 @@ class TrainedTranslator:
         data = self.config.data
         trained = data.array
         if trained.same_layout(layout.x_mm, layout.y_mm) and (
-            not self.has_uncertainty or trained.same_pads(layout)
+            not self.config.has_uncertainty or trained.same_pads(layout)
         ):
             return self
         purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
         reads_any = self.config.is_image_to_counts and self.translator.reads_any_layout
-        self.need(reads_any, purpose, "a touch2touch or a field run from images")
+        self._need(reads_any, purpose, "a touch2touch or a field run from images")
         array = structs.replace(
             trained, layout=layout.name, x_mm=layout.x_mm, y_mm=layout.y_mm,
             pad_diameter_mm=layout.pad_diameter_mm,
@@ -560,17 +555,17 @@ class TrainedTranslator:
         config = structs.replace(self.config, data=structs.replace(data, target=array))
         return replace(self, config=config, translator=translator)
 
-    def in_float32(self) -> Self:
+    def _in_float32(self) -> Self:
         """The same run in PyTorch and float32."""
         return replace(self, translator=self.translator.in_float32(), engine=None)
 
     def pixels_of(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
-        """The input of `predict_pixels`, (B, S, S, c). Arguments and errors: as for `predict`."""
+        """The input of `classify`, (B, S, S, c) uint8. Arguments and errors: as for `predict`."""
         frames = image_list(images)[0]
         pixels = resized(frames, self.config.preset.size, self.config.preset.grey)
-        self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
         if background is None:
             return pixels
+        self._need_uncertainty("a background frame")
         behind = self._small(one_image(background, "background", ONE))[0]
         return np.concatenate([pixels, np.broadcast_to(behind, pixels.shape)], axis=-1)
 
@@ -578,7 +573,7 @@ class TrainedTranslator:
         """Raises T2TwinError for an array that `pixels_of` cannot return."""
         preset = self.config.preset
         if isinstance(pixels, np.ndarray) and self.config.data.source.value == IMAGE:
-            colors = (COLORS, 2 * COLORS) if self.has_uncertainty else (COLORS,)
+            colors = (COLORS, 2 * COLORS) if self.config.has_uncertainty else (COLORS,)
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
 

@@ -74,7 +74,7 @@ class RunConfig(Struct, frozen=True):
     init_from: Sha256 | None = msgspec.field(name="init_from_sha256", default=None)
     # SHA-256 of the info.json that the contact's layers alone were trained on; None for all layers
     contact_data: Sha256 | None = msgspec.field(name="contact_info_sha256", default=None)
-    # Ranges of `TrainedTranslator.differences` in validation, by name; set when training ends
+    # Ranges of `TrainedTranslator._differences` in validation, by name; set when training ends
     agreement: dict[str, tuple[float, float]] = {}
     format: str = FORMAT
 

@@ -59,7 +59,7 @@ from t2twin.translate.runs.config import (
     resolve_run,
     write_log,
 )
-from t2twin.translate.training.frame_check import fit_frame_check
+from t2twin.translate.training.fit_frame_check import fit_frame_check
 from t2twin.translate.uncertainty.calibration import MIN_ERRORS
 from t2twin.translate.uncertainty.ood import fit_ood_detector
 
@@ -567,7 +567,7 @@ def fit_agreement(run_dir: Path, *sets: Pairs) -> None:
     """Sets the ranges of differences of counts and contact of a run that predicts both, by
     validation pairs."""
     run, agreement = load_run(run_dir), {}
-    found = [run.differences(run.outputs(pairs.inputs, contact=True)) for pairs in sets]
+    found = [run._differences(run._outputs(pairs.inputs, contact=True)) for pairs in sets]
     for name in DIFFERENCES:
         values = np.concatenate([each[name][np.isfinite(each[name])] for each in found])
         if values.size >= MIN_ERRORS:
