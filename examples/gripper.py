@@ -106,11 +106,11 @@ class Predictor:
         self.background = background
         self.network = t2twin.load()
         mirrored = replace(layout, name="mirrored", x_mm=-layout.x_mm)
-        self.mirrored = self.network.at_layout(mirrored)
+        self.mirrored = t2twin.load(layout=mirrored)
 
     def other_finger(self, image: np.ndarray) -> tuple[Estimate, dict[str, Any]]:
         """Also the contact on the DIGIT in the image, if the network predicts it."""
-        has_contact = self.mirrored.predicts_contact
+        has_contact = self.mirrored.config.predicts_contact
         estimate = self.mirrored.estimate(image, self.background, contact=has_contact)
         return estimate, {"contact": estimate.contact.summary()} if has_contact else {}
 

@@ -45,11 +45,12 @@ def run_of(counts, kinds=None) -> Any:
     array = SimpleNamespace(
         x_mm=LAYOUT.x_mm, y_mm=LAYOUT.y_mm, full_scale_counts=FULL_SCALE, phi=phi
     )
+    data = SimpleNamespace(array=array)
     kinds = kinds or [OODClass.IN_DISTRIBUTION] * len(counts)
     estimate = Estimate(FULL_SCALE, np.array(counts), ood_class=np.array(kinds, dtype=object))
     return SimpleNamespace(
-        config=SimpleNamespace(data=SimpleNamespace(array=array), has_uncertainty=False),
-        predicts_contact=False, _classified_estimate=lambda *_, contact: estimate,
+        config=SimpleNamespace(data=data, has_uncertainty=False, predicts_contact=False),
+        _classified_estimate=lambda *_, contact: estimate,
     )  # fmt: skip
 
 

@@ -338,13 +338,13 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTr
 
 def test_another_layout_and_other_pads(run: TrainedTranslator, frame: np.ndarray) -> None:
     dense = load_layout("cyskin-63")
-    at_63 = run.at_layout(dense)
+    at_63 = run._at_layout(dense)
     estimated = at_63.estimate(frame)
     assert estimated.counts.shape == (63,) and at_63.config.data.array.layout == "cyskin-63"
     np.testing.assert_array_equal(estimated.dense_counts, run.estimate(frame).dense_counts)
     own = run.config.data.array.taxels
-    assert run.at_layout(own) is run
-    wide = run.at_layout(replace(own, pad_diameter_mm=np.full(20, 8.0)))
+    assert run._at_layout(own) is run
+    wide = run._at_layout(replace(own, pad_diameter_mm=np.full(20, 8.0)))
     assert wide is not run and not np.array_equal(wide.predict(frame), run.predict(frame))
 
 
@@ -422,7 +422,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     from t2twin.translate.inference.load import export_onnx
 
     dense = load_layout("cyskin-63")
-    run = run.at_layout(dense)._in_float32()
+    run = run._at_layout(dense)._in_float32()
     assert export_onnx(run, tmp_path / "field.onnx") < 1.0
     session = onnxruntime.InferenceSession(tmp_path / "field.onnx")
     pixels = run.pixels_of([frame, frame[::-1]])

@@ -65,7 +65,7 @@ def test_linear_response_is_read_exactly_by_any_layout(runs, dense, monkeypatch)
 
     run, layout = runs["touch2touch"], load_layout()
     drawing(run, response(layout.x_mm, layout.y_mm)[None], monkeypatch)
-    applied = run.at_layout(dense)
+    applied = run._at_layout(dense)
     counts = applied.predict(np.zeros((1, 320, 240, 3), np.uint8))
     assert counts.shape == (1, dense.size) and dense.size > 30
     np.testing.assert_allclose(counts[0], response(dense.x_mm, dense.y_mm), atol=1.0)
@@ -75,14 +75,14 @@ def test_linear_response_is_read_exactly_by_any_layout(runs, dense, monkeypatch)
 
 def test_layouts_that_cannot_be_read_are_refused(runs, dense):
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
-        runs["resnet18"].at_layout(dense)
+        runs["resnet18"]._at_layout(dense)
     wide = layout_of("wide", dense.x_mm + 12.0 * (np.arange(dense.size) == 3), dense.y_mm)
     with pytest.raises(T2TwinError, match=r"taxel 3 of the layout wide, .* outside the array"):
-        runs["touch2touch"].at_layout(wide)
+        runs["touch2touch"]._at_layout(wide)
     close = np.linspace(-1.0, 1.0, 5)
     x_mm, y_mm = (v.ravel() for v in np.meshgrid(close, close))
     with pytest.raises(T2TwinError, match="too close together"):
-        runs["touch2touch"].at_layout(layout_of("tiny", x_mm, y_mm))
+        runs["touch2touch"]._at_layout(layout_of("tiny", x_mm, y_mm))
 
 
 def test_evaluation_on_a_denser_layout(

@@ -67,7 +67,7 @@ def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None
         np.testing.assert_allclose(one.force_n, other.force_n, rtol=1e-4, atol=1e-6)
     taxels = fast.config.data.array.taxels
     five = Layout("five", taxels.x_mm[:5], taxels.y_mm[:5], taxels.pad_diameter_mm[:5])
-    own = fast.at_layout(five)
+    own = fast._at_layout(five)
     assert own.predict(frames).shape == (3, 5) and len(list(kept.iterdir())) == 2
     pixels = fast.pixels_of(frames, frames[0])
     pixels[1, :, :, 3:] = 0  # another frame than the others'

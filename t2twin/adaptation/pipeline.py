@@ -275,7 +275,7 @@ def _write_recipe(config: AdaptConfig) -> None:
 
     write_ball(config.out / BALL, config.ball_diameter_mm)
     source, minutes, initial = config.source, config.minutes, config.init_from
-    has_contact = initial is not None and bool(load_config(initial).data.has_contact)
+    has_contact = initial is not None and load_config(initial).predicts_contact
     # TOML's notation of texts is that of JSON.
     source, target, optics = (
         json.dumps(str(each), ensure_ascii=False)

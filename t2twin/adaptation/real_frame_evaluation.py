@@ -137,7 +137,7 @@ def evaluate_frames(
     layout, truth = run.config.data.array, references.counts
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
     own = background if run.config.has_uncertainty else None
-    estimate = run._classified_estimate(images, own, contact=run.predicts_contact)
+    estimate = run._classified_estimate(images, own, contact=run.config.predicts_contact)
     contacts = estimate.contact
     counts = estimate.counts.astype(float)
     apart_mm = centroids_mm(run, counts) - centroids_mm(run, truth)

@@ -148,7 +148,7 @@ def _predicted(
     run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
     """The predicted values of a line, and the contact if the run predicts it."""
-    estimate = run._classified_estimate(image, background, contact=run.predicts_contact)
+    estimate = run._classified_estimate(image, background, contact=run.config.predicts_contact)
     values: dict[str, Any] = {
         name: np.rint(value).astype(int).tolist()
         for name in ("counts", "counts_std")

@@ -133,7 +133,7 @@ class Translators:
 
         run, interval, force = self.load(name), None, None
         data, own = run.config.data.array, background if run.config.has_uncertainty else None
-        estimate = run._classified_estimate(image, own, tactile=True, contact=run.predicts_contact)
+        estimate = run._classified_estimate(image, own, True, contact=run.config.predicts_contact)
         if run.config.has_uncertainty:
             interval = estimate.interval(LEVEL)
         if estimate.force_n is not None and estimate.force_std_n is not None:

@@ -122,7 +122,7 @@ def prepare(
             warn(f"{run.name} is trained on {found}; its errors are those on another sensor")
     applied = trained = dict(zip(run_names(loaded), loaded, strict=True))
     if loaded[0].config.is_image_to_counts:
-        applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
+        applied = {name: run._at_layout(info.array.taxels) for name, run in trained.items()}
     still = None, None
     if any(run.config.has_uncertainty for run in loaded):
         still = _background(dataset, data_dir, background)
@@ -209,7 +209,7 @@ def predict_runs(
     predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
         preset, is_sure = run.config.preset, run.config.has_uncertainty
-        side = side_of_maps(preset.size) if run.predicts_contact else None
+        side = side_of_maps(preset.size) if run.config.predicts_contact else None
         # Pairs with dense counts usually have background frames too.
         own = load_pairs(
             inputs.data_dir, split, preset.size, preset.grey, cache, is_sure and has_dense_counts,

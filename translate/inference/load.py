@@ -101,7 +101,7 @@ def load(
     fold_batchnorm(translator.predictor)
     predictor = TrainedTranslator(run_dir, config, translator)
     if layout is not None:
-        predictor = predictor._need_counts("a layout").at_layout(load_layout(layout))
+        predictor = predictor._need_counts("a layout")._at_layout(load_layout(layout))
     if engine == "torch":
         return predictor
     is_float32_on_cpu = translator.device.type == "cpu" and not is_bf16
@@ -214,7 +214,7 @@ def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float
     """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
     theirs = _run(open_onnx(path), {INPUT: _to_input(pixels)})
     inputs = run.translator.to_input(pixels / np.float32(255.0))
-    tensors = run.translator.predict_all(inputs, run.predicts_contact)
+    tensors = run.translator.predict_all(inputs, run.config.predicts_contact)
     scales: dict[str, Any] = {COUNTS: 1.0, "depth_mm": 1e3}
     if (
         run.config.has_uncertainty

@@ -269,7 +269,7 @@ class TrainedTranslator:
         """As `estimate`, without a warning: the caller reports `ood_class`."""
         self._need_counts("estimate")
         contact, tactile = arguments.flag(contact, "contact"), arguments.flag(tactile, "tactile")
-        if contact and not self._need_uncertainty("the contact").predicts_contact:
+        if contact and not self._need_uncertainty("the contact").config.predicts_contact:
             raise T2TwinError(
                 f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
                 f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
@@ -495,7 +495,7 @@ class TrainedTranslator:
             outputs = self._outputs(frame)
             if not known or "force_n" not in outputs or outputs["force_n"][0] <= known[0]:
                 return False
-            if not self.predicts_contact:
+            if not self.config.predicts_contact:
                 return bool(outputs["force_n"] > FORCE_STDS * outputs["force_std_n"])
             outputs = self._outputs(frame, contact=True)
             depth_mm = MAX_DEPTH_STD * np.abs(outputs["depth_mm"]).sum()
@@ -513,11 +513,6 @@ class TrainedTranslator:
         """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
         return load_frame_check(self.run_dir)
 
-    @property
-    def predicts_contact(self) -> bool:
-        """Whether the run predicts the contact."""
-        return bool(self.config.data.has_contact)
-
     def _need(self, has: bool, purpose: str, needed: str) -> Self:
         """The run. Raises T2TwinError unless it has what a purpose needs."""
         self.config.need(has, self.run_dir, purpose, needed)
@@ -531,7 +526,7 @@ class TrainedTranslator:
         """The run. Raises T2TwinError unless it is a field run."""
         return self._need(self.config.has_uncertainty, purpose, "a field run")
 
-    def at_layout(self, layout: Layout) -> Self:
+    def _at_layout(self, layout: Layout) -> Self:
         """The same run with the counts of another taxel layout; of its own, the same object.
 
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense

@@ -118,6 +118,11 @@ class RunConfig(Struct, frozen=True):
         """Whether it is a field run, which predicts dense counts, force and uncertainty."""
         return self.model == "field"
 
+    @property
+    def predicts_contact(self) -> bool:
+        """Whether the run predicts the contact."""
+        return bool(self.data.has_contact)
+
     def need(self, has: bool, run_dir: Path, purpose: str, needed: str) -> None:
         """Raises T2TwinError unless the run has what a purpose needs."""
         if not has:
