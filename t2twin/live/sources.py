@@ -132,7 +132,7 @@ def _video(path: Path, report: Report) -> Source:
             yield Frame(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), count, None, due_s)
         if not count:
             codec = np.int64(capture.get(cv2.CAP_PROP_FOURCC)).tobytes()[:4].decode("latin-1")
-            raise T2TwinError(f"OpenCV decodes no frame of {path}, codec {codec!r}; try H.264")
+            raise T2TwinError(f"OpenCV decodes no frame of {path} ({codec}); convert it to H.264")
         if count < 0.9 * announced:  # headers may be inexact (assumed)
             report(f"{path} ends after {count} of {announced:.0f} frames; it is damaged")
 
