@@ -17,8 +17,8 @@ from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.optical.response import standard_normal
 
-RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 # Mean and standard deviation of ImageNet's channels, the usual normalization of ResNet18
+RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 COLORS = 3  # Channels of a color image: red, green, blue
 WHITE_GREY = 255.0  # Full scale of an image, grey levels
