@@ -212,7 +212,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
     elif turned_deg.any():
         label, travel = "rotation of the shape, degrees", np.cumsum([0.0, *turned_deg])
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
-    lines = axes.plot(travel, force_n, ".-", color=draw.COLORS[0], label="tangential force")
+    lines = axes.plot(travel, force_n, ".-", color=draw.PALETTE[0], label="tangential force")
     if contact.motion is not None:
         limit_n = contact.motion.friction[0].limit_n(column("force_n"))
         limit_n = np.where(np.isnan(force_n), np.nan, limit_n)
@@ -224,7 +224,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         torque_nmm = column(f"{sensor}_torque_nmm")
-        lines += other.plot(travel, torque_nmm, ".-", color=draw.COLORS[1], label="torque")
+        lines += other.plot(travel, torque_nmm, ".-", color=draw.PALETTE[1], label="torque")
         other.set_ylabel("torque, N mm")
     axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 COLOR_MAP, DIFFERENCE_MAP = "viridis", "RdBu_r"  # perceptually uniform; white at zero
 # Colors of lines and bars for all kinds of color vision (Okabe and Ito 2008)
-COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#009e73")
+PALETTE = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#009e73")
 # Colors of the parts of a contact that stick and slip, distinct for color-blind readers
 STICK_RGB, SLIP_RGB = (158, 197, 232), (242, 150, 60)
 MAP_MARGIN_MM = 0.5  # of a map around the contact

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import COLORS, Panel, draw_discs, figure, panels_image
+from t2twin.core.draw import PALETTE, Panel, draw_discs, figure, panels_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.report.page import (
@@ -51,7 +51,7 @@ BINS, COUNTS_TICKS = 40, 5
 MIN_BARS = 4  # smallest range of saturated taxels of a pair
 MIN_PERCENT = 0.001  # smallest displayed force error
 MAX_FAMILIES = 24  # in the chart of depths (assumed: space for their names)
-SENSOR_COLORS = {"source": COLORS[0], "target": COLORS[3]}
+SENSOR_COLORS = {"source": PALETTE[0], "target": PALETTE[3]}
 
 
 def touched(array: ArrayInfo, counts: np.ndarray) -> np.ndarray:
@@ -260,12 +260,12 @@ def saturation(page: Figure, dataset: Dataset, role: str) -> None:
     largest, number, places = page.subplots(1, 3)
     array, saturated = dataset.arrays[role], dataset.saturated(role)
     layout, bins = array.taxels, np.linspace(0, array.full_scale_counts, BINS + 1).tolist()
-    largest.hist(dataset.readings[role].max(axis=1), bins, color=COLORS[0])
+    largest.hist(dataset.readings[role].max(axis=1), bins, color=PALETTE[0])
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,g}")
     largest.locator_params(axis="x", nbins=4)
     times = np.bincount(saturated.sum(axis=1))
-    number.bar(range(times.size), times, color=COLORS[0])
+    number.bar(range(times.size), times, color=PALETTE[0])
     number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
     number.set(xlim=(-0.6, max(times.size, MIN_BARS) - 0.4), ylim=(0.5, None))
     number.locator_params(axis="x", integer=True)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from t2twin.core.draw import COLORS
+from t2twin.core.draw import PALETTE
 from t2twin.core.files import check_own, locked, result_folder
 from t2twin.core.progress import Progress
 from t2twin.core.templates import environment, render
@@ -30,8 +30,8 @@ NAMES = {
     "resnet18": "ResNet18",
     **SPLIT_NAMES,
 }
-BASELINE_COLORS = {MEAN_ARRAY: "#222222", NEAREST_NEIGHBOR: COLORS[5]}
-SPLIT_COLORS = {"train": "#999999", "val": COLORS[0], "test": COLORS[1]}
+BASELINE_COLORS = {MEAN_ARRAY: "#222222", NEAREST_NEIGHBOR: PALETTE[5]}
+SPLIT_COLORS = {"train": "#999999", "val": PALETTE[0], "test": PALETTE[1]}
 KIND_NAMES = {"image": "gel camera", "counts": "taxel array"}
 
 MAX_NAME = 20  # characters of a displayed shape name (assumed: half of a phone's width)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import COLORS, Panel, figure, panels_image
+from t2twin.core.draw import PALETTE, Panel, figure, panels_image
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import sha256_of
 from t2twin.core.machine import cores, processor
@@ -91,7 +91,7 @@ class ReportData(Dataset):
     @property
     def colors(self) -> dict[str, str]:
         """Colors of runs and baselines."""
-        return BASELINE_COLORS | {run: COLORS[i % 5] for i, run in enumerate(self.runs)}
+        return BASELINE_COLORS | {run: PALETTE[i % 5] for i, run in enumerate(self.runs)}
 
 
 def read_report_data(

@@ -13,8 +13,8 @@ from PIL import Image, ImageDraw
 
 from t2twin.core.draw import (
     COLOR_MAP,
-    COLORS,
     DIFFERENCE_MAP,
+    PALETTE,
     color_table,
     draw_contact,
     figure,
@@ -37,7 +37,7 @@ counts where it is unknown, and kPa."""
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Leading digits of the upper end of a color bar or a chart."""
 
-PREDICTED, TRUE, GREY = COLORS[0], COLORS[1], "#808080"
+PREDICTED, TRUE, GREY = PALETTE[0], PALETTE[1], "#808080"
 """Colors of charts, distinct in both themes and for color-blind readers."""
 
 CHART_PX, LEFT_PX = (800, 260), 88
@@ -219,7 +219,7 @@ def _draw_slide(page: "Figure", result: PressResult) -> None:
     travel = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
     turns = travel[-1] == 0
     path = np.cumsum(steps[:, 2]) if turns else travel
-    for name, color in zip(contacts, COLORS, strict=False):
+    for name, color in zip(contacts, PALETTE, strict=False):
         force_n, torque_nmm, limit_n = np.transpose([each[name] for each in result.tangential])
         axes["path"].plot(path, np.abs(torque_nmm) if turns else force_n, color=color, label=name)
         if not turns:

@@ -29,8 +29,9 @@ from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError, how_to_install, warn
 from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
+from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.taxels.layout import Layout, load_layout
-from t2twin.translate.inference.predictor import COUNTS, Compute, TrainedTranslator
+from t2twin.translate.inference.predictor import Compute, TrainedTranslator
 from t2twin.translate.models.base import FEATURES, TACTILE_IMAGES, FromPixels
 from t2twin.translate.models.field import CENTER, MAPS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights

@@ -30,8 +30,7 @@ from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import LOCK, is_empty, locked, sha256_of
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.columns import IMAGE
-from t2twin.sim.dataset.info import COUNTS
+from t2twin.sim.dataset.info import COUNTS, IMAGE
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.inference.estimate import DIFFERENCES
