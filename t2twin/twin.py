@@ -53,7 +53,7 @@ class Twin:
         source: str | Path = SOURCE,
         target: str | Path = TARGET,
     ) -> None:
-        self.sensors = SensorPair.of(
+        self._pair = SensorPair.of(
             source,
             target,
             optics=optics,
@@ -71,13 +71,13 @@ class Twin:
 
         Raises T2TwinError for a twin without one.
         """
-        return self.sensors.array.layout
+        return self._pair.array.layout
 
     @property
     def background(self) -> np.ndarray:
         """(rows, columns, 3) uint8: the background frame of the first gel camera, with markers,
         without noise. Raises T2TwinError for a twin without one."""
-        return self.sensors.camera.image_renderer.background
+        return self._pair.camera.image_renderer.background
 
     def press(
         self,
@@ -109,9 +109,9 @@ class Twin:
         given = Press("", x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg, force_n, depth_mm, seed)
         rng = given.rng
         solid = load_shape(shape, scale, center)
-        command = given.command(solid, self.sensors.source)
+        command = given.command(solid, self._pair.source)
         warn_of_tilt(solid, command)
-        touch = self.sensors.press(solid, command, rng)
+        touch = self._pair.press(solid, command, rng)
         warn_of_limits([touch])
         return touch
 
@@ -143,7 +143,7 @@ class Twin:
         law = None if friction is None else Friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
             raise T2TwinError("the touch has no contact; press with a force above 0 N first")
-        self.sensors.check_own(touch)
+        self._pair.check_own(touch)
         start = touch.command
         force = start.force_n if force_n is None else arguments.real(force_n, "force_n")
         check_force(force)
@@ -152,11 +152,11 @@ class Twin:
         commands = path_commands(start.shape, rows, tilt_rad=start.tilt_rad)[1:]
         if not (dx_mm or dy_mm or dyaw_deg or force != start.force_n):
             raise T2TwinError("nothing changes; give dx_mm, dy_mm, dyaw_deg or another force_n")
-        self.sensors.check_over_pads(touch, commands[-1])
+        self._pair.check_over_pads(touch, commands[-1])
         touches = []
         for command in commands:
-            moved = slide_to(self.sensors, touch, command, law)
-            touch = self.sensors.with_readings(moved, rng, before=touch)
+            moved = slide_to(self._pair, touch, command, law)
+            touch = self._pair.with_readings(moved, rng, before=touch)
             touches.append(touch)
         warn_of_limits(touches)
         return touches
@@ -188,7 +188,7 @@ class Twin:
         solid = load_shape(shape, scale, center)
         commands = path_commands(solid.name, path, tilt_rad=given.tilt_rad)
         warn_of_tilt(solid, commands[0])
-        touches = list(touches_along(self.sensors, solid, commands, law, rng))
+        touches = list(touches_along(self._pair, solid, commands, law, rng))
         warn_of_limits(touches)
         return touches
 

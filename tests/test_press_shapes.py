@@ -115,7 +115,7 @@ def test_a_twin_warns_of_what_limits_a_contact(solid):
     ],
 )
 def test_a_touch_names_what_limits_it(command, note):
-    touch = t2twin.Twin().sensors.press(
+    touch = t2twin.Twin()._pair.press(
         catalogue.load("hemisphere-4"),
         PressCommand(
             "hemisphere-4", **({"x_mm": 0.0, "y_mm": 0.0, "force_n": 4.0} | command), yaw_rad=0.0

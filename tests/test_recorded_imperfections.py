@@ -158,19 +158,19 @@ def test_arrays_differ_and_each_has_the_whole_distribution():
 def test_the_memory_goes_along_a_path(twin, shape):
     commands = path_commands(shape.name, [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]])
     rng = np.random.default_rng(1)
-    touches = list(touches_along(twin.sensors, shape, commands, None, rng, ARRAY.name))
+    touches = list(touches_along(twin._pair, shape, commands, None, rng, ARRAY.name))
     level = np.rint(ARRAY.noiseless(touches[0].cyskin, LAYOUT))
     for touch, time_s in zip(touches, (0.0, SAMPLE_S, 2 * SAMPLE_S), strict=True):
         decay = np.exp(-time_s / np.array(RECORDED.memory_s))
         assert touch.of_array.memory == pytest.approx(decay[:, None] * level, abs=0.51)
-    alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
+    alone = twin._pair.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
     most = level.argmax()
     assert touches[1].counts[most] > alone.counts[most]
 
 
 def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
     command = PressCommand(shape.name, 0.0, 0.0, 0.0, 8.0)
-    touch = twin.sensors.press(shape, command, np.random.default_rng(0), only=ARRAY.name)
+    touch = twin._pair.press(shape, command, np.random.default_rng(0), only=ARRAY.name)
     slid, again = (twin.slide(touch, dx_mm=0.2, force_n=1, steps=1, seed=1)[0] for _ in range(2))
     assert np.array_equal(slid.counts, again.counts)
     readings = {ARRAY.name: replace(touch[ARRAY.name], memory=None)}

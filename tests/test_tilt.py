@@ -257,7 +257,7 @@ def test_a_dataset_of_tilted_presses_has_their_tilt(tmp_path):
     assert len(pose) == 4 and angles.max() <= 12.0 and len(set(angles)) == 4
     assert "tilt_x_rad" in (folder / "README.md").read_text()
     row = {name: table[name][0].as_py() for name in ("shape", *POSE, *TILT)}
-    touch = twin().sensors.press(t2twin.load_shape(row["shape"]), PressCommand(**row))
+    touch = twin()._pair.press(t2twin.load_shape(row["shape"]), PressCommand(**row))
     assert table["target_depth_mm"][0].as_py() == touch.cyskin.depth_mm
     np.testing.assert_array_equal(lists(table, "target_dense_counts")[0], touch.dense_counts)
     assert info.recipe is not None and info.recipe.has_tilt
