@@ -109,6 +109,6 @@ def read_evaluation(folder: Path) -> Evaluation:
     path = folder / METRICS
     if not path.is_file():
         raise T2TwinError(
-            f"{folder} contains no evaluation (no {METRICS}); make one with `evaluate`"
+            f"{folder} contains no evaluation (no {METRICS}); make one with `t2twin evaluate`"
         )
     return read_json(path, Evaluation, "`t2twin evaluate`")

@@ -141,7 +141,7 @@ def load_config(run_dir: Path) -> RunConfig:
     path = run_dir / CONFIG
     if not path.is_file():
         found = f"{run_dir} has no {CONFIG}" if run_dir.exists() else f"there is no run {run_dir}"
-        raise T2TwinError(f"{found}; give a folder that `train` has made")
+        raise T2TwinError(f"{found}; give a folder that `t2twin train` has made")
     return read_json(path, RunConfig, "`t2twin train` or `t2twin adapt`")
 
 
@@ -212,6 +212,7 @@ def write_log(run_dir: Path, history: Sequence[EpochRecord]) -> None:
         temporary.write_bytes(b"".join(msgspec.json.encode(each) + b"\n" for each in history))
 
 
+# Folder of the pretrained runs
 HOME = Path(__file__).parents[1] / "weights"
 
 DEFAULT_RUN = "field"  # The pretrained run that commands, `load` and the studio use by default
@@ -243,5 +244,5 @@ def resolve_run(run: str | Path) -> Path:
         return HOME / name
     if not path.exists():
         known = f", or the name of a pretrained run: {', '.join(names)}" if names else ""
-        raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{known}")
+        raise T2TwinError(f"there is no run {run}; give a folder of `t2twin train`{known}")
     return path
