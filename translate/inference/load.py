@@ -105,11 +105,10 @@ def load(
         predictor = predictor._need_counts("a layout")._at_layout(load_layout(layout))
     if engine == "torch":
         return predictor
-    is_float32_on_cpu = translator.device.type == "cpu" and not is_bf16
     obstacles = {
         f"it {NEEDS_ONNX}": not all(map(find_spec, ONNX)),
         "it is used for counts from images": not config.is_image_to_counts,
-        "it is used in float32 on the CPU only": not is_float32_on_cpu,
+        "it is used in float32 on the CPU only": is_bf16 or translator.device.type != "cpu",
         "there is no writable folder for its file": cache_dir() is None,
     }
     obstacle = next((text for text, applies in obstacles.items() if applies), None)
@@ -266,7 +265,7 @@ def onnx_engine(run: TrainedTranslator) -> Compute:
 
 
 def _open_session(run: TrainedTranslator, with_contact: bool) -> Any:
-    """A session with the contact or without; None if the file cannot be written."""
+    """A session with the contact or without; None, with a warning, without its file."""
     import onnx.utils
 
     home = cache_dir()
@@ -280,7 +279,8 @@ def _open_session(run: TrainedTranslator, with_contact: bool) -> Any:
             for oldest in files[:-MAX_FILES]:
                 oldest.unlink(missing_ok=True)
         model = onnx.load(path)
-    except (T2TwinError, OSError):
+    except (T2TwinError, OSError) as error:
+        warn(f"{error}; PyTorch computes the predictions in place of ONNX Runtime")
         return None
     unused = {TACTILE_IMAGES, FEATURES, *(() if with_contact else (*MAPS, *CENTER))}
     inputs = [each.name for each in model.graph.input]
