@@ -134,15 +134,15 @@ def translate_images(
     background = None if background is None else arguments.path(background, "background")
     frame = background and read_image(background, order)
     names = output_names(images) if arguments.flag(png, "png") else []
-    predictor = load_run(run, layout, bf16)
-    array, found = predictor.config.data.array, []
+    loaded = load_run(run, layout, bf16)
+    array, found = loaded.config.data.array, []
     given = [*images, *(Path(e) for e in (background, layout) if isinstance(e, str | Path))]
     with (
         ThreadPoolExecutor() as pool,
         result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,
     ):
         for part, frames in _batches(images, pool, order):
-            estimate = predictor._classified_estimate(frames, frame, tactile=png)
+            estimate = loaded._classified_estimate(frames, frame, tactile=png)
             if png:
                 stds = estimate.tactile_std
                 stds = [None] * len(frames) if stds is None else stds
@@ -150,10 +150,10 @@ def translate_images(
                 list(pool.map(_save, [array] * len(files), files, estimate.tactile_images, stds))
             found.append(replace(estimate, tactile_images=None, tactile_std=None))
         whole = concatenate(found)
-        _write_tables(folder, predictor, images, names, whole, background)
-    is_without = predictor.config.has_uncertainty and background is None
+        _write_tables(folder, loaded, images, names, whole, background)
+    is_without = loaded.config.has_uncertainty and background is None
     classes = whole.ood_class.tolist()
-    stored = predictor._order_warning(classes, frame, images, order)
+    stored = loaded._order_warning(classes, frame, images, order)
     warn(NO_BACKGROUND if is_without else None, unlike(classes, str(run), images), stored)
     return whole.counts
 
@@ -219,7 +219,7 @@ def translate_contacts(
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     background = None if background is None else arguments.path(background, "background")
     frame = background and read_image(background, order)
-    predictor = load_run(run)
+    loaded = load_run(run)
     found: list[ContactEstimate] = []
     names = [name.removesuffix(".png") for name in output_names(images)]
     written = ENDS if arguments.flag(png, "png") else ENDS[:2]
@@ -229,7 +229,7 @@ def translate_contacts(
         result_folder(out_dir, KIND, ends, [*images, *filter(None, (background,))]) as folder,
     ):
         for _, frames in _batches(images, pool, order):
-            found += predictor._classified_estimate(frames, frame, contact=True).contact
+            found += loaded._classified_estimate(frames, frame, contact=True).contact
         list(pool.map(ContactEstimate.write, found, repeat(folder), names, repeat(png), images))
         rows = []
         for image, name, contact in zip(images, names, found, strict=True):
@@ -240,7 +240,7 @@ def translate_contacts(
             rows.append([image, name, *cells, contact.ood_class, "; ".join(contact.notes)])
         columns = [*COLUMNS, *(name for pair in VECTORS.values() for name in pair), "ood_class"]
         write_csv(folder / CONTACTS_CSV, ["image", "contact", *columns, "notes"], rows)
-    stored = predictor._order_warning([each.ood_class for each in found], frame, images, order)
+    stored = loaded._order_warning([each.ood_class for each in found], frame, images, order)
     warn(NO_BACKGROUND if background is None else None, stored)
     warn_of_contacts(found, images)
     return found
@@ -260,10 +260,10 @@ def translate_readings(
     cannot be read or be of the source, and for what the run does not use: an order, or no PNG.
     """
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
-    predictor = load(run, engine="torch")
-    is_other = not predictor.config.is_image_to_counts
-    predictor._need(is_other, "a translation of readings", "a run of another direction")
-    source, target = predictor.config.data.source, predictor.config.data.target
+    loaded = load(run, engine="torch")
+    is_other = not loaded.config.is_image_to_counts
+    loaded._need(is_other, "a translation of readings", "a run of another direction")
+    source, target = loaded.config.data.source, loaded.config.data.target
     arguments.instance(order, "order", FrameOrder)
     if source.value == COUNTS and order != UPRIGHT:
         raise T2TwinError(f"{order} is for images; {run} translates counts")
@@ -278,7 +278,7 @@ def translate_readings(
         readings = [read_image(path, order) for path in inputs]
     names = output_names(inputs)
     with result_folder(out_dir, KIND, inputs=inputs) as folder:
-        predicted = predictor.predict(readings)
+        predicted = loaded.predict(readings)
         if target.value != COUNTS:
             for name, image in zip(names, predicted, strict=True):
                 Image.fromarray(image).save(folder / name, compress_level=1)

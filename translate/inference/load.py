@@ -100,11 +100,11 @@ def load(
     translator = build(structs.replace(config, bf16=is_bf16))
     load_weights(run_dir / BEST, translator.predictor)
     fold_batchnorm(translator.predictor)
-    predictor = TrainedTranslator(run_dir, config, translator)
+    loaded = TrainedTranslator(run_dir, config, translator)
     if layout is not None:
-        predictor = predictor._need_counts("a layout")._at_layout(load_layout(layout))
+        loaded = loaded._need_counts("a layout")._at_layout(load_layout(layout))
     if engine == "torch":
-        return predictor
+        return loaded
     obstacles = {
         f"it {NEEDS_ONNX}": not all(map(find_spec, ONNX)),
         "it is used for counts from images": not config.is_image_to_counts,
@@ -113,10 +113,10 @@ def load(
     }
     obstacle = next((text for text, applies in obstacles.items() if applies), None)
     if obstacle is None:
-        return dataclasses.replace(predictor, engine=onnx_engine)
+        return dataclasses.replace(loaded, engine=onnx_engine)
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
-    return predictor
+    return loaded
 
 
 def load_run(
