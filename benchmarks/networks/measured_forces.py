@@ -4,9 +4,9 @@
 
 FRAMES is the folder force_estimation/code/test_data of AUROVA-LAB/aurova_tactile_sensing, one press
 of the flat end of a printed cylinder, with the force that an array on the opposite finger measured.
-BACKGROUND is Tactile_sensing/Digit_sensor/ROS/digit_ros.zip:src/digit_interface/scripts/
-background.png of AUROVA-LAB/aurova_grasping, assumed to be of the same unit. Neither is part of the
-project. `t2twin adapt` needs presses of a ball, so the run is not adapted.
+BACKGROUND is digit_ros/src/digit_interface/scripts/background.png in the file Tactile_sensing/
+Digit_sensor/ForceEstimation/digit_ros.zip of AUROVA-LAB/aurova_grasping, assumed to be of the same
+unit. Neither is part of the project. The run is not adapted: `adapt` needs presses of a ball.
 """
 
 from argparse import Namespace
