@@ -173,15 +173,15 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
     table = pa.concat_tables(tables).rename_columns(["image", "taxels", "split", "shape"])
     pq.write_table(table, tmp_path / "mine.parquet")
     data = tmp_path / "data"
-    main(["import-pairs", str(tmp_path / "mine.parquet"), "--out", str(data)])
+    main(["import-pairs", "mine.parquet", "--out", "data", "--source", "gelsight-mini"])
     assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
     assert verify_dataset(data) == [] and not read_info(data).is_simulated
+    assert read_info(data).camera.name == "gelsight-mini"
     for split in ("train", "val", "test"):
         ours, theirs = read_split(data, split), read_split(spots, split)
         assert (lists(ours, "target_counts") == lists(theirs, "target_counts")).all()
-        for one, other in zip(ours["source_image"], theirs["source_image"], strict=True):
-            pixels = [decode_png(cell.as_py()["bytes"]) for cell in (one, other)]
-            assert (pixels[0] == pixels[1]).all()
+        for pair in zip(ours["source_image"], theirs["source_image"], strict=True):
+            assert np.array_equal(*(decode_png(cell.as_py()["bytes"]) for cell in pair))
     train("resnet18", data, "smoke", tmp_path / "run", epochs=1)
     result = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
     assert result.pairs == 12 and result.models["resnet18"].overall["rmse_counts"] > 0

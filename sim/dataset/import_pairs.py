@@ -37,6 +37,7 @@ from t2twin.sim.dataset.info import (
 )
 from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_csv
 from t2twin.sim.taxels.layout import Layout, load_layout
@@ -72,33 +73,32 @@ class Pair(Struct):
 
 
 def import_pairs(
-    source: str | Path, folder: str | Path, layout: str | Path | Layout,
-    full_scale: int | None = None, seed: int = 0, sensors: SensorPair | None = None,
-    order: FrameOrder = UPRIGHT,
+    table: str | Path, folder: str | Path, layout: str | Path | Layout | None = None,
+    full_scale: int | None = None, seed: int = 0, order: FrameOrder = UPRIGHT,
+    source: str | Path = SOURCE, target: str | Path = TARGET,
 ) -> DatasetInfo:  # fmt: skip
     """Write a user's pairs as a dataset, atomically; returns its info.
 
-    source: a CSV or Parquet file, or a folder with one. layout: the user's taxels, by name,
-    file or Layout. full_scale: count at which they saturate; None for the target's. seed: of a
-    random split. sensors: a gel camera with the view of the images, and an array like the user's;
-    None for the default ones. order: of the images, which are stored upright; the info has it.
+    table: a CSV or Parquet file, or a folder with one. layout: the user's taxels, by name,
+    file or Layout. full_scale: count at which they saturate. Both: None for the target's. seed: of
+    a random split. order: of the images, which are stored upright; the info has it. source, target:
+    sensors by name or file: a gel camera with the view of the images, and an array like the user's.
     Warns with T2TwinWarning of images that are black, overexposed or without color, and of a size
     unlike the camera's.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
-    source = arguments.path(source, "source")
-    tables = [source]
-    if source.is_dir():
-        tables = [path for path in source.glob("[!.]*") if path.suffix.lower() in SUFFIXES]
-    if len(tables) != 1 or not tables[0].is_file() or tables[0].suffix.lower() not in SUFFIXES:
+    table = arguments.path(table, "table")
+    tables = table.glob("[!.]*") if table.is_dir() else [table]
+    tables = [path for path in tables if path.suffix.lower() in SUFFIXES]
+    if len(tables) != 1 or not tables[0].is_file():
         raise T2TwinError(
-            f"{source} is not a table of pairs; expected a .csv or .parquet file, or a folder with "
+            f"{table} is not a table of pairs; expected a .csv or .parquet file, or a folder with "
             "one such file and its images"
         )
     folder = arguments.path(folder, "folder").absolute()
-    layout = load_layout(layout)
-    sensors = arguments.instance(sensors or SensorPair(), "sensors", SensorPair)
+    sensors = SensorPair.of(source, target)
+    layout = sensors.array.layout if layout is None else load_layout(layout)
     full_scale = sensors.array.full_scale if full_scale is None else full_scale
     arguments.whole_number(full_scale, "full_scale", 1, MAX_COUNTS)
     check_seed(seed)

@@ -192,12 +192,11 @@ def background_counts(run: TrainedTranslator, background: np.ndarray) -> float:
     return float(run.predict(background, background if run.config.has_uncertainty else None).max())
 
 
-def baseline_rmse_percent(references: References, run: TrainedTranslator) -> tuple[float, float]:
+def baseline_rmse_percent(references: References, run: TrainedTranslator) -> list[float]:
     """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
     truth = references.counts
     errors = np.stack([truth.ravel(), (truth - truth.mean(axis=0)).ravel()])
-    zero, mean_array = _rmse_percent(errors, run).tolist()
-    return zero, mean_array
+    return _rmse_percent(errors, run).tolist()
 
 
 def choose(real: Mapping[str, AdaptationScores], simulated: Mapping[str, AdaptationScores]) -> str:

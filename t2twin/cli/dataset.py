@@ -108,9 +108,11 @@ def _verify(folder: Path) -> int:
 
 
 def import_pairs(
-    source: tyro.conf.Positional[str],
+    table: tyro.conf.Positional[str],
     out: Path,
-    layout: str = "cyskin-20",
+    source: str = "digit",
+    target: str = "cyskin-20",
+    layout: str | None = None,
     full_scale: int | None = None,
     seed: int = 0,
     order: Annotated[FrameOrder, tyro.conf.arg(name="")] = UPRIGHT,
@@ -124,15 +126,17 @@ def import_pairs(
     and 10 %.
 
     Args:
-        source: A .csv or .parquet file, or a folder with one.
+        table: A .csv or .parquet file, or a folder with one.
         out: Folder of the dataset to write.
-        layout: Your taxels: a name, or a JSON or CSV file with x_mm and y_mm.
-        full_scale: Count at which your taxels saturate; default 40,000.
+        source: A gel camera with the view of the images: a bundled sensor or a sensor file.
+        target: A taxel array like yours.
+        layout: Your taxels: a name, or a JSON or CSV file; default: those of the target.
+        full_scale: Count at which your taxels saturate; default: the target's.
         seed: Seed of the random split.
     """
     import t2twin
 
-    info = t2twin.import_pairs(source, out, layout, full_scale, seed, order=order)
+    info = t2twin.import_pairs(table, out, layout, full_scale, seed, order, source, target)
     print(f"{_pairs(info)} pairs in {out}")
 
 
@@ -147,17 +151,14 @@ def convert(dataset: tyro.conf.Positional[str], to: Literal["lerobot"], out: Pat
     """
     from t2twin.sim.dataset.lerobot import convert_to_lerobot
 
-    assert to == "lerobot"
     info = convert_to_lerobot(dataset, out)
     print(f"{info['total_episodes']} episodes with {info['total_frames']} frames in {out}")
 
 
 def _pairs(info: "DatasetInfo") -> str:
-    pairs = info.pairs
-    return f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test"
+    return "{train} training, {val} validation and {test} test".format(**info.pairs)
 
 
 def _size(folder: Path, info: "DatasetInfo") -> str:
     size = sum((folder / path).stat().st_size for path in info.shards)
-    pairs = sum(info.pairs.values())
-    return f"{size / 2**20:.0f} MiB ({size / pairs / 1e3:.1f} kB a pair)"
+    return f"{size / 2**20:.0f} MiB ({size / sum(info.pairs.values()) / 1e3:.1f} kB a pair)"
