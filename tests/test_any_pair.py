@@ -134,7 +134,7 @@ def test_runs_are_better_than_the_mean_and_compared_with_the_nearest(trained, tm
     evaluation = evaluate([run_dir], data, "val", tmp_path)
     info, predictions = load_info(data), read_predictions(tmp_path)
     mean, *_, nearest, own = [n for n in evaluation.models if n != "noise-floor"]
-    assert (nearest, own) == ("nearest-neighbour", "touch2touch")
+    assert (nearest, own) == ("nearest-neighbor", "touch2touch")
     assert mean == ("mean-image" if info.target.value == "image" else "mean-array")
     percent = {name: row.overall["rmse_percent"] for name, row in evaluation.models.items()}
     assert percent[own] < percent[mean] and percent[nearest] < percent[mean]

@@ -102,7 +102,7 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
     titles = [line[0] for line in by_force.groups[""]]
     assert titles[:2] == ["no contact, 8 pairs", "0.5 N, 8 pairs"]
     assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in main.notes
-    assert list(evaluation.models)[:3] == ["mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbour"]
+    assert list(evaluation.models)[:3] == ["mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbor"]
     for name, row in evaluation.models.items():
         assert [one.low_n for one in row.by_force] == [0.0, 0.5, 1.0, 2.0, 8.0]
         assert sum(one.pairs for one in row.by_force) == evaluation.pairs == 40

@@ -70,7 +70,7 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
     evaluation = evaluate(runs, data_dir, "val", tmp_path)
     assert read_evaluation(tmp_path) == evaluation
     models = evaluation.models
-    assert list(models) == ["mean-array", "nearest-neighbour", "touch2touch", "resnet18"]
+    assert list(models) == ["mean-array", "nearest-neighbor", "touch2touch", "resnet18"]
     assert list(evaluation.runs) == ["touch2touch", "resnet18"]
     stored = read_predictions(tmp_path)
     pairs = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False)
@@ -92,7 +92,7 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
         weights = (run / "best.safetensors").read_bytes()
         assert models[run.name].weights_sha256 == hashlib.sha256(weights).hexdigest()
     mean = models["mean-array"].overall["rmse_counts"]
-    assert models["nearest-neighbour"].overall["rmse_counts"] < mean / 2
+    assert models["nearest-neighbor"].overall["rmse_counts"] < mean / 2
     assert evaluation.paper["resnet18"]["rmse_counts"] == 3931
 
 

@@ -65,7 +65,7 @@ def test_table_has_the_numbers_of_metrics(evaluations: dict[str, Evaluation], re
     for name, *cells in read.rows["results"]:
         rows.setdefault(name, []).append(cells)
     assert list(evaluations["val"].models) == [
-        "mean-array", "nearest-neighbour", "noise-floor", "touch2touch", "resnet18",
+        "mean-array", "nearest-neighbor", "noise-floor", "touch2touch", "resnet18",
     ]  # fmt: skip
     for name in evaluations["val"].models:
         for split, cells in zip(("val", "test"), rows[name_of(name)][::2], strict=True):

@@ -48,7 +48,7 @@ STEPS = 800
 SEED = 0
 SPLITS = ("val", "test")
 
-NEAREST = "nearest-neighbour"
+NEAREST = "nearest-neighbor"
 """Name of its row in an evaluation; the mean is the first row, the run the last."""
 
 FIGURES = ("rmse_percent", "ssim", "psnr_db", "psnr_contact_db", "contact_iou")

@@ -20,7 +20,7 @@ from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.evaluation.records import Figures
 
 MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYOUT_FLOOR = (
-    "mean-array", "mean-array-of-force", "nearest-neighbour", "mean-image", "noise-floor",
+    "mean-array", "mean-array-of-force", "nearest-neighbor", "mean-image", "noise-floor",
     "layout-floor",
 )  # fmt: skip
 """Names of their rows; the second one with several forces only."""
