@@ -37,7 +37,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     train(options.out)
     evaluate(options.out)
     tasks = json.loads((options.out / "skills.json").read_text())
-    speeds = {n: {each: speed(n, each) for each in ("contact", "image")} for n in (1, 2)}
+    speeds = {f"{n}": {each: speed(n, each) for each in ("contact", "image")} for n in (1, 2)}
     return {"tasks": tasks, "steps_per_s": speeds}
 
 
