@@ -14,9 +14,9 @@ BUDGET = {
     "translate": 7_598,
     "sim": 14_908,
     "primitives_cad": 2_540,
-    "maintenance": 620,
+    "maintenance": 615,
     "tests": 18_998,
-    "benchmarks": 6_970,
+    "benchmarks": 6_967,
 }
 """Lines of Python of each folder. A budget only falls: lower it when a folder shrinks."""
 
