@@ -178,10 +178,10 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
     assert verify_dataset(data) == [] and not read_info(data).is_simulated
     assert read_info(data).camera.name == "gelsight-mini"
     for split in ("train", "val", "test"):
-        ours, theirs = read_split(data, split), read_split(spots, split)
-        assert (lists(ours, "target_counts") == lists(theirs, "target_counts")).all()
-        for pair in zip(ours["source_image"], theirs["source_image"], strict=True):
-            assert np.array_equal(*(decode_png(cell.as_py()["bytes"]) for cell in pair))
+        both = [read_split(folder, split) for folder in (data, spots)]
+        assert (lists(both[0], "target_counts") == lists(both[1], "target_counts")).all()
+        images = [[decode_png(c["bytes"]) for c in t["source_image"].to_pylist()] for t in both]
+        assert np.array_equal(images[0], images[1])
     train("resnet18", data, "smoke", tmp_path / "run", epochs=1)
     result = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
     assert result.pairs == 12 and result.models["resnet18"].overall["rmse_counts"] > 0
