@@ -11,7 +11,7 @@ PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
     "t2twin": 9_250,
-    "translate": 7_598,
+    "translate": 7_596,
     "sim": 14_908,
     "primitives_cad": 2_540,
     "maintenance": 615,

@@ -23,8 +23,8 @@ BENCHMARK = Benchmark(
     sources=("examples/skills", "sim", "t2twin/attachment", "translate"),
     figures=(
         Figure("tasks.*.*.success_percent", "%"),
-        Figure("steps_per_s.1.contact"),
-        Figure("steps_per_s.1.image"),
+        Figure("steps_per_s.1.contact", least=120.0),
+        Figure("steps_per_s.1.image", least=60.0),
     ),
     arguments=(Argument("out", "folder of demonstrations, policies and episodes", Path),),
 )

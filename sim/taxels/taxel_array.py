@@ -254,7 +254,7 @@ class CountsReading(Result):
         """What limits the reading, in words; empty for nothing."""
         sensor, counts, full_scale = self.sensor, self.counts, self.sensor.full_scale
         if counts is None or self.contact is None or 0.05 < counts.max() / full_scale < 0.5:
-            return []  # more than noise, less than it and the memory leave of full scale (assumed)
+            return []  # above what noise alone reaches, below any clipped reading (assumed)
         signal = sensor.noiseless(self.contact, sensor.layout).max()
         if max(counts.max(), signal) >= full_scale:
             return [f"counts are clipped at full scale, {full_scale:,.0f}"]

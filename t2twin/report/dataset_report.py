@@ -33,7 +33,7 @@ from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
 
 COLUMNS = ("shape", "family", "index", *POSE)  # of the table, besides those of the contacts
-SATURATED_SHARE = 0.98  # of full scale, from which a count is saturated (assumed: less than noise)
+SATURATED_SHARE = 0.98  # of full scale; a saturated count is above (assumed: noise lowers it less)
 MIN_CONTACT_SHARE = 0.0025  # smallest count of a touched taxel, share of full scale (assumed)
 
 AT_REST_STDS = 10.0

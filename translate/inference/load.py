@@ -216,9 +216,7 @@ def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float
     inputs = run.translator.to_input(pixels / np.float32(255.0))
     tensors = run.translator.predict_all(inputs, run.config.predicts_contact)
     scales: dict[str, Any] = {COUNTS: 1.0, "depth_mm": 1e3}
-    if (
-        run.config.has_uncertainty
-    ):  # standard deviations are exponentials: rounding errors are relative
+    if run.config.has_uncertainty:  # deviations are exponentials: rounding errors are relative
         scales["counts_std"] = 1.0 / np.maximum(1.0, tensors["counts_std"].cpu().numpy() / 1e3)
     return max(
         float((scale * np.abs(theirs[name] - tensors[name].cpu().numpy())).max())
