@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from t2twin.core.errors import T2TwinError, how_to_install
+from t2twin.core.errors import T2TwinError, how_to_install, warn
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.machine import cores
 from t2twin.sim.press import Press
@@ -410,14 +410,15 @@ def studio(
         raise T2TwinError(f"the studio needs viser; {how_to_install('studio')}")
     from t2twin.studio.server import studio as serve
 
-    with serve(run, host, port, source, background, order) as served:
-        if host not in ("localhost", "127.0.0.1", "::1"):
-            print(
-                "t2twin: everyone who can reach this machine can open the page and use its "
-                "processors; --host 127.0.0.1 restricts it to this machine",
-                file=sys.stderr,
-                flush=True,
-            )
-        print(f"open {served.address} (Ctrl-C ends it)", flush=True)
-        while True:
-            time.sleep(3600)
+    try:
+        with serve(run, host, port, source, background, order) as served:
+            if host not in ("localhost", "127.0.0.1", "::1"):
+                warn(
+                    "everyone who can reach this machine can open the page and use its processors; "
+                    "--host 127.0.0.1 restricts it to this machine"
+                )
+            print(f"open {served.address} (Ctrl-C ends it)", flush=True)
+            while True:
+                time.sleep(3600)
+    except SystemExit as stop:  # a signal; an exit of Python would abort threads that compute
+        os._exit(stop.code if isinstance(stop.code, int) else 1)

@@ -32,8 +32,7 @@ SETTLED_S = 0.1
 
 CONTROLS_PX, CARDS_PX = 320, 420  # widths of the panels
 
-ACCENT, DARK_ACCENT = (11, 83, 148), (138, 184, 240)
-"""Accent color of the light and the dark theme, RGB: that of links in the reports."""
+ACCENT, DARK_ACCENT = (11, 83, 148), (138, 184, 240)  # RGB by theme, as links in the reports
 
 MAX_SHOWN_HZ = 15.0
 """Maximum rate at which a page receives frames of a live source (assumed)."""
@@ -91,7 +90,7 @@ class Page:
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
-        gui.add_html(cards.card_html(texts=[WELCOME]))
+        gui.add_html(cards.card_html(style=True, texts=[WELCOME]))
         self.controls = Controls(inputs, self.request, self._lift_off)
         with gui.add_folder("View", expand_by_default=False):
             sensors = gui.add_dropdown("Sensors", get_args(Sensors))
