@@ -55,6 +55,7 @@ from t2twin.translate.data.images import COLORS, WHITE_GREY, to_pixels
 CACHE = "cache"
 # Columns of the shear force on the gel camera after its role, of recipes with motion
 SHEAR = ("shear_x_n", "shear_y_n")
+MAX_STILL = 0.5  # Of the paths, to learn it (assumed); of 0.93, a tenth of the force (measured)
 UNITS = np.array([1e-3, 0.1], np.float32)  # mm and kPa of the units of CONTACT_MAPS
 BATCH_SIZE = 256  # Images decoded together; bounds memory to 60 MB
 
@@ -189,7 +190,7 @@ class DataInfo(Struct, frozen=True):
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
     # smallest and largest force of the presses; absent for imported pairs
     force_n: tuple[float, float] | UnsetType = UNSET
-    has_shear: bool | UnsetType = UNSET  # whether the pairs contain the shear force,
+    has_shear: bool | UnsetType = UNSET  # whether the pairs teach the shear force,
     has_contact: bool | UnsetType = UNSET  # and the contact maps of the source; absent if not
 
     @property
@@ -226,7 +227,7 @@ def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
     """
     info = read_info(data_dir)
     source, target = (info.sensors[role] for role in _roles(reverse))
-    moves = info.recipe is not None and info.recipe.motion and source.value == IMAGE
+    motion = info.recipe.motion if info.recipe and source.value == IMAGE else None
     return DataInfo(
         sha256_of(data_dir / INFO),
         source,
@@ -234,7 +235,7 @@ def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
         force_n=UNSET if info.recipe is None else info.recipe.force_range_n,
-        has_shear=True if moves else UNSET,
+        has_shear=True if motion and motion.still <= MAX_STILL else UNSET,
         has_contact=True if source.value == IMAGE and source.contact_grid else UNSET,
     )
 
@@ -262,8 +263,8 @@ def load_pairs(
     Raises T2TwinError for an unknown, missing or unfinished split, and without dense counts.
     """
     info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
-    target, moves = info.target, bool(info.has_shear)
-    if with_dense_counts and (target.value == IMAGE or target.dense_x_mm is None):
+    moves = bool(stored.recipe and stored.recipe.motion) and info.source.value == IMAGE
+    if with_dense_counts and (info.target.value == IMAGE or info.target.dense_x_mm is None):
         more = "make a dataset with them, such as `t2twin simdata --recipe union`"
         raise T2TwinError(f"the pairs in {data_dir} have no dense counts; {more}")
     counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
@@ -276,7 +277,7 @@ def load_pairs(
     def readings(role: str, sensor: SensorInfo) -> Readings:
         if sensor.value == COUNTS:
             return lists(table, column(role, COUNTS)).astype(np.float32)
-        second = role == ROLES[1] and info.source.value == target.value
+        second = role == ROLES[1] and info.source.value == info.target.value
         color, part = "grey" if grey else "rgb", f"{split}-target" if second else split
         cache = folder / f"{part}-{size}-{color}-{name}.npy"
         shape = (table.num_rows, size, size, 1 if grey else 3)
@@ -292,7 +293,7 @@ def load_pairs(
         pictures = TactilePictures.of(source, info.source, size, grey)
     return Pairs(
         source=source,
-        target=readings(roles[1], target),
+        target=readings(roles[1], info.target),
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
         dense_counts=lists(table, dense) if with_dense_counts else None,
@@ -347,9 +348,8 @@ def load_contact(
     """
     info, names = read_info(data_dir), [column(role, name) for name in CONTACT_MAPS]
     sensor, pairs = info.sensors[role], info.pairs[cast(Any, split)]
-    if side is None or sensor.value != IMAGE or sensor.contact_grid is None:
+    if side is None or sensor.value != IMAGE or (grid := sensor.contact_grid) is None:
         return None
-    grid = sensor.contact_grid
 
     def write(file: BinaryIO) -> None:
         written, done = open_memmap(file.name, "w+", np.float16, (pairs, 2, side, side)), 0
