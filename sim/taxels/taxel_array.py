@@ -179,7 +179,7 @@ class TaxelArray:
         """The same sensor with the errors that datasets have by default."""
         default = reading.DATASET_DEFAULT
         known = default in self.spec.imperfections
-        return replace(self, imperfections=default if known else reading.NONE)
+        return replace(self, imperfections=default if known else None)
 
     def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
         """What a dataset records of it: fields of t2twin.sim.dataset.info.ArrayInfo."""

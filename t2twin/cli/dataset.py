@@ -46,7 +46,7 @@ def simdata(
         target: The second sensor; default cyskin-20, or the recipe's.
         layout: Taxel layout of taxel arrays: a name, or a JSON or CSV file with x_mm and y_mm.
         imperfections: Errors of taxel arrays, by the name in the sensor's file, such as none or
-            white; default recorded, if the file has it.
+            white; default recorded, or else white.
         optics: Optics of gel cameras, as written by t2twin calibrate; default: the sensor's.
         renderer: What renders the images: baked, in milliseconds (the default), or pyrender.
         primitives: Folder of prepared shapes; default: in the user's cache.
