@@ -4,6 +4,7 @@ import functools
 import re
 import shutil
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.frame_order import TURNS_DEG
 from t2twin.sim.calibrate.calibrate import RANGES, calibrate, guess_light, mean_light, sample_lights
 from t2twin.sim.calibrate.fit import BallFit, Geometry, Presses, Terms
 from t2twin.sim.calibrate.frames import (
@@ -23,7 +25,7 @@ from t2twin.sim.calibrate.frames import (
     crop,
     cut_and_paste,
     score,
-    upright_frame,
+    sized_frame,
 )
 from t2twin.sim.optical.illumination import LOBE_PLACES, LOBE_TERMS, Leds
 from t2twin.sim.optical.image_renderer import ImageRenderer
@@ -140,18 +142,17 @@ def test_a_frame_of_another_size_is_refused(copy):
     assert "must be 120 wide, 160 high" in refused(copy, sensor=SMALL)
 
 
-def test_frames_as_the_camera_has_them_are_turned_upright():
-    upright = np.zeros((ROWS, COLUMNS, 3), np.uint8)
-    upright[:40, :30] = (200, 10, 10)  # upper left corner
-    np.testing.assert_array_equal(upright_frame(upright, CAMERA), upright)
-    on_its_side = np.rot90(upright, -1)
-    assert on_its_side.shape == (COLUMNS, ROWS, 3)
-    np.testing.assert_array_equal(upright_frame(on_its_side, CAMERA), upright)
-    large = on_its_side.repeat(2, axis=0).repeat(2, axis=1)
-    np.testing.assert_array_equal(upright_frame(large, CAMERA), upright)
+def test_frames_are_reduced_and_never_turned():
+    frame = np.zeros((ROWS, COLUMNS, 3), np.uint8)
+    frame[:40, :30] = (200, 10, 10)  # upper left corner
+    large = frame.repeat(2, axis=0).repeat(2, axis=1)
+    for each in (frame, large):
+        np.testing.assert_array_equal(sized_frame(each, CAMERA), frame)
+        with pytest.raises(T2TwinError, match="their side; --turn-deg turns them by 90 or 270"):
+            sized_frame(np.rot90(each), CAMERA)
     for shape in ((ROWS, 239, 3), (160, 120, 3), (480, 480, 3)):
-        with pytest.raises(T2TwinError, match="in these proportions"):
-            upright_frame(np.zeros(shape, np.uint8), CAMERA)
+        with pytest.raises(T2TwinError, match=r"in these proportions$"):
+            sized_frame(np.zeros(shape, np.uint8), CAMERA)
 
 
 def test_frames_that_no_sensor_takes_are_named(copy):
@@ -287,10 +288,15 @@ def test_the_command_writes_what_the_function_gives_and_names_a_contact(
     with pytest.raises(SystemExit):
         main(["calibrate", "--background", str(path), "--force-tolerance-n", "0.1"])
     assert "--force-tolerance-n is of a fit, which needs --presses" in capsys.readouterr().err
-    turned, order = tmp_path / "turned.png", t2twin.FrameOrder(180, False, True)
-    Image.fromarray(frames[0][::-1, ::-1, ::-1]).save(turned)
-    with pytest.warns(t2twin.T2TwinWarning, match=r"order --turn-deg 180 --bgr \("):
-        t2twin.guess_light(turned)
+    orders = [t2twin.FrameOrder(*each) for each in product(TURNS_DEG, (False, True))]
+    for order in (*orders[1:], t2twin.FrameOrder(180, False, True)):  # the advice, then followed
+        stored = frames[0][:, ::-1] if order.mirror else frames[0]
+        stored = np.rot90(stored, order.turn_deg // 90)[..., :: -1 if order.bgr else 1]
+        Image.fromarray(np.ascontiguousarray(stored)).save(tmp_path / "stored.png")
+        with pytest.raises((T2TwinError, t2twin.T2TwinWarning), match=f"order {order} \\("):
+            t2twin.guess_light(tmp_path / "stored.png")
+        same = t2twin.guess_light(tmp_path / "stored.png", order=order)
+        np.testing.assert_array_equal(same.background, frames[0])
     with pytest.warns(t2twin.T2TwinWarning, match=r"not stored in the order --turn-deg 180 --bgr"):
         t2twin.guess_light(path, order=order)
     written = Optics.load(tmp_path / "out" / "optics.npz")

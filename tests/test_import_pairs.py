@@ -73,26 +73,28 @@ def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
             assert kept[np.asarray(image)[::-1, :, ::-1].tobytes()] == expected
 
 
-def test_images_unlike_the_sensor_s_are_named(tmp_path, layout):
-    folder, _ = write_csv(tmp_path / "mine")
+def test_images_and_counts_unlike_the_sensors_are_named(tmp_path, layout):
+    own = dict.fromkeys(range(20), 52.9)  # percent
+    folder, _ = write_csv(tmp_path / "mine", taxel_0=own, taxel_1=own, taxel_2=own, taxel_3=own)
     for number in range(20):
         pixels = np.random.default_rng(number).integers(99, 199, (4, 3), dtype=np.uint8)
         Image.fromarray(pixels).save(folder / f"{number}.png")
     with pytest.warns(T2TwinWarning) as found:
         import_pairs(folder, tmp_path / "data", layout)
-    size, color = (str(each.message) for each in found)
+    counts, size, color = (str(each.message) for each in found)
+    assert "lie between 0 and 52.9; expected counts from 0 to 40,000" in counts
     assert "the images are 3 x 4 pixels" in size and "20 images of 20 are without color" in color
 
 
 def test_what_the_rows_say_is_kept(tmp_path, layout):
     splits = {row: ("train", "train", "val", "test")[row % 4] for row in range(20)}
-    shapes = {row: f"mug-{row % 2}" for row in range(20)}
+    shapes = {row: ("0", "007")[row % 2] for row in range(20)}  # names, not numbers
     folder, _ = write_csv(
         tmp_path / "mine", split=splits, shape=shapes, x_mm={0: 1.5}, force_n={0: 3.0}
     )
     import_pairs(folder / "pairs.csv", tmp_path / "data", layout)
     table = read_split(tmp_path / "data", "train")
-    assert len(table) == 10 and sorted(set(table["shape"].to_pylist())) == ["mug-0", "mug-1"]
+    assert len(table) == 10 and set(table["shape"].to_pylist()) == {"0", "007"}
     pairs = load_pairs(tmp_path / "data", "train", 16, grey=True)
     assert pairs.x_mm[0] == 1.5 and pairs.force_n[0] == 3.0 and np.isnan(pairs.x_mm[1:]).all()
 
@@ -106,7 +108,7 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
         ({"taxel_2": {3: "many"}}, r"line 5, column taxel_2"),
         (
             {f"taxel_{n}": dict.fromkeys(range(20), 0.5) for n in range(TAXELS)},
-            "all counts lie between 0 and 1",
+            "all counts lie between 0 and 0.5",
         ),
         ({"taxel_4": {3: 5}}, "expected image, and either taxels or taxel_0 to taxel_3"),
         ({"image": {3: "gone.png"}}, "line 5: its image cannot be read: there is no file"),
@@ -117,6 +119,8 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
         ({"split": {3: "training"}}, "line 5, column split has 'training'"),
         ({"split": {3: ""}}, "line 5: split is empty"),
         ({"x_mm": {3: "inf"}}, r"line 5, column x_mm"),
+        ({"x_mm": {3: 13.9, 4: 248}}, r"line 6, column x_mm has '248': .*<= 14"),
+        ({"y_mm": {3: -24}}, r"line 5, column y_mm has '-24': .*>= -23"),
         ({"yaw_rad": {3: 30}}, "line 5, column yaw_rad has '30"),
     ],
 )
@@ -153,16 +157,6 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
         T2TwinError, match=r"pairs\.csv, line 6: its image cannot be read: there is no file"
     ):
         import_pairs(folder, tmp_path / "again", layout)
-
-
-def test_names_that_look_like_numbers_are_names(tmp_path, layout):
-    """Shape 0 is a shape, and 007 keeps its zeros."""
-    folder, _ = write_csv(
-        tmp_path / "mine", shape={n: ("0", "007")[n % 2] for n in range(20)},
-        split=dict.fromkeys(range(20), "train"),
-    )  # fmt: skip
-    import_pairs(folder, tmp_path / "data", layout)
-    assert set(read_split(tmp_path / "data", "train")["shape"].to_pylist()) == {"0", "007"}
 
 
 def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):

@@ -24,7 +24,7 @@ from benchmarks.evidence import Argument, Benchmark, Figure
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.frames import read_frame, upright_frame
+from t2twin.sim.calibrate.frames import read_frame, sized_frame
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def real_references(folder: Path) -> tuple[References, np.ndarray]:
         references = simulate_references(
             names, report.poses[-len(names) :], report.real, diameters_mm, sensors
         )
-    return references, upright_frame(read_frame(background), sensors.camera.camera)
+    return references, sized_frame(read_frame(background), sensors.camera.camera)
 
 
 def _scores(

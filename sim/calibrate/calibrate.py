@@ -656,7 +656,7 @@ def guess_light(
     own, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
     frame = images.read_frame(arguments.path(background, "background"), order)
-    frame = images.upright_frame(frame, camera, order)
+    frame = images.sized_frame(frame, camera)
     images.check_usable(frame, str(background), is_colored(own.background_frame()))
     (frame,), is_marked = images.without_markers([frame], camera)
     warn(MARKED if is_marked else None)

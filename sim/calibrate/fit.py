@@ -216,25 +216,20 @@ def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
         Terms(leds, degree, ridge, lobe)
         for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
     ]  # fmt: skip
-    errors = {terms: cross_validation_error(presses, terms) for terms in candidates}
+    errors: dict[Terms, float] = {}  # mean over the left-out presses of the mean square error, dB
+    for terms in candidates:
+        entries = terms.among(Terms.most(leds))
+        inner, left_out_errors = np.ix_(entries, entries), []
+        for group in range(min(GROUPS, len(presses))):
+            fitted = [press for at, press in enumerate(presses) if at % GROUPS != group]
+            squares = sum(press.squares[inner] for press in fitted)
+            products = sum(press.products[entries] for press in fitted)
+            response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
+            left_out_errors += [one.error(response, entries) for one in presses[group::GROUPS]]
+        errors[terms] = float(np.mean(10.0 * np.log10(np.maximum(left_out_errors, 1e-12))))
     near = [terms for terms in candidates if errors[terms] <= min(errors.values()) + TIE_DB]
     strongest = (each for each in near if each.ridge == near[0].ridge)
     return min(strongest, key=lambda each: errors[each])
-
-
-def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
-    """Mean over the left-out presses of the mean square error in dB."""
-    entries = terms.among(Terms.most(terms.leds))
-    inner = np.ix_(entries, entries)
-    errors = []
-    for group in range(min(GROUPS, len(presses))):
-        left_out = presses[group::GROUPS]
-        fitted = [press for at, press in enumerate(presses) if at % GROUPS != group]
-        squares = sum(press.squares[inner] for press in fitted)
-        products = sum(press.products[entries] for press in fitted)
-        response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
-        errors += [press.error(response, entries) for press in left_out]
-    return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))
 
 
 def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:

@@ -103,24 +103,25 @@ def read_frames(
         if frame.shape != first.shape:
             sizes = f"is {_size(frame)}, but the background is {_size(first)}"
             raise T2TwinError(f"{path.name} {sizes}; all must be of one size")
-    upright = np.array([upright_frame(frame, camera, order) for frame in (first, *others)])
-    return upright[0], upright[1:], [path.name for path in paths]
+    sized = np.array([sized_frame(frame, camera) for frame in (first, *others)])
+    return sized[0], sized[1:], [path.name for path in paths]
 
 
-def upright_frame(frame: np.ndarray, camera: Camera, order: FrameOrder = UPRIGHT) -> np.ndarray:
+def sized_frame(frame: np.ndarray, camera: Camera, advice: str | None = None) -> np.ndarray:
     """(rows, columns, 3): a frame in the size of the camera's images; larger ones are averaged.
-    Frames on their side of upright images, without another order, are rotated, as the default
-    sensor's interface does."""
-    size, is_upright = _size(frame), camera.rows > camera.columns
-    if order == UPRIGHT and is_upright and frame.shape[0] < frame.shape[1]:
-        frame = np.rot90(frame)
+    advice: of the order in which frames that lie on their side are probably stored."""
     rows, columns = frame.shape[:2]
-    off = abs(rows * camera.columns - columns * camera.rows) / camera.rows  # columns
-    if rows < camera.rows or off > 0.5:  # sizes are whole numbers
+
+    def fits(high: int, wide: int) -> bool:
+        off = abs(high * camera.columns - wide * camera.rows) / camera.rows  # columns
+        return high >= camera.rows and off <= 0.5  # sizes are whole numbers
+
+    if not fits(rows, columns):
+        advice = advice or "they lie on their side; --turn-deg turns them by 90 or 270 degrees"
         raise T2TwinError(
-            f"the frames are {size}; they must be {camera.columns} wide, {camera.rows} high, as "
-            "the sensor's file says, or larger in these proportions"
-            + (", upright or on their side" if is_upright else "")
+            f"the frames are {_size(frame)}; they must be {camera.columns} wide, {camera.rows} "
+            "high, as the sensor's file says, or larger in these proportions"
+            + (f"; {advice}" if fits(columns, rows) else "")
         )
     if (rows, columns) == (camera.rows, camera.columns):
         return np.ascontiguousarray(frame)

@@ -156,7 +156,8 @@ TABLE: tuple[tuple[Column, ...], ...] = (
                lambda s, role: _whole(1e3 * s.reading(role).depth_map_mm, np.int16),
                IMAGE, lambda r: r.contact_maps, _cells),
         Column(CONTACT_MAPS[1], pa.list_(pa.uint32()), "0.1 kPa", "normal pressure there: force on "
-               "the gel that a cell shows, over its share of `view_mm`",
+               "the gel that a cell shows, over its share of the view; `view_mm` is half the width "
+               "and half the height of the view",
                lambda s, role: _whole(10.0 * s.reading(role).pressure_map_kpa, np.uint32),
                IMAGE, lambda r: r.contact_maps, _cells),
         Column(DENSE_COUNTS, COUNTS_TYPE, "counts", "noiseless counts of pads at `dense_x_mm`, "

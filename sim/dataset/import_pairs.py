@@ -7,7 +7,6 @@ one of these.
 import hashlib
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -49,9 +48,8 @@ SUFFIXES = (".csv", ".parquet")
 NUMBERS = r"taxel_\d+|x_mm|y_mm|yaw_rad|force_n"  # names of columns
 OWN = "own"  # shape and family of pairs without a name
 
-# Names become file names; places may be those of a robot; larger angles are in degrees (assumed).
+# Names become file names; larger angles are in degrees (assumed).
 Name = Annotated[str, Meta(max_length=220, pattern=r"^[^\0]*$")]
-Place = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Angle = Annotated[float, Meta(ge=-4 * math.pi, le=4 * math.pi)]
 Force = Annotated[float, Meta(ge=0.0, le=1000.0)]
 
@@ -66,8 +64,8 @@ class Pair(Struct):
     shape: Name | int | None = None
     family: Name | int | None = None
     index: Any = None
-    x_mm: Place | None = None
-    y_mm: Place | None = None
+    x_mm: float | None = None
+    y_mm: float | None = None
     yaw_rad: Angle | None = None
     force_n: Force | None = None
 
@@ -83,10 +81,11 @@ def import_pairs(
     file or Layout. full_scale: count at which they saturate. Both: None for the target's. seed: of
     a random split. order: of the images, which are stored upright; the info has it. source, target:
     sensors by name or file: a gel camera with the view of the images, and an array like the user's.
-    Warns with T2TwinWarning of images that are black, overexposed or without color, and of a size
-    unlike the camera's.
+    Warns with T2TwinWarning of images that are black, overexposed or without color, of a size
+    unlike the camera's, and of counts that are all below 1 % of full_scale.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
-    duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
+    duplicate. The same holds for a wrong number of counts, counts outside 0 to full_scale, and
+    places off both sensors.
     """
     table = arguments.path(table, "table")
     tables = table.glob("[!.]*") if table.is_dir() else [table]
@@ -104,21 +103,41 @@ def import_pairs(
     check_seed(seed)
     arguments.instance(order, "order", FrameOrder)
     with new_folder(folder) as temporary:
-        pairs = read_pairs(tables[0], layout, full_scale)
-        _sample_splits(pairs, seed)
+        pairs = read_pairs(tables[0], layout, full_scale, sensors)
+        without = [pair for pair in pairs if pair.split is None]
+        if without and len(without) < len(pairs):
+            place = without[0].place
+            raise T2TwinError(f"{place}: split is empty; expected one in all rows or none")
+        ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)
+        shuffled = np.random.default_rng(seed).permutation(len(pairs))
+        for n, row in enumerate(shuffled if without else ()):
+            pairs[row].split = SPLITS[np.searchsorted(ends, n, "right")]
         return _write(pairs, tables[0].parent, temporary, layout, full_scale, sensors, order)
 
 
-def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
+def read_pairs(path: Path, layout: Layout, full_scale: int, sensors: SensorPair) -> list[Pair]:
     """The rows of a table, checked, without their images; T2TwinError names the line or row."""
-    is_csv = path.suffix.lower() == ".csv"
-    names, rows = read_csv(path, NUMBERS) if is_csv else _read_parquet(path)
+    if is_csv := path.suffix.lower() == ".csv":
+        names, rows = read_csv(path, NUMBERS)
+    else:
+        try:
+            table = pq.read_table(path)
+        except (pa.ArrowException, OSError) as error:
+            raise T2TwinError(f"{path}: {error}") from error
+        names, cells = table.column_names, enumerate(table.to_pylist(), start=1)
+        rows = [(f"row {n}", {k: v for k, v in row.items() if v is not None}) for n, row in cells]
     taxels = [name for name in names if re.fullmatch(r"taxel_\d+", name)]
     check_names(names, [*Pair.__struct_fields__, *taxels], path, others=True)
     expected = [f"taxel_{number}" for number in range(layout.size)]
     is_list, count = "taxels" in names, cast(Any, Annotated[float, Meta(ge=0.0, le=full_scale)])
     of_all: Any = Annotated[list[count], Meta(min_length=layout.size, max_length=layout.size)]
-    columns = [("taxels", of_all)] if is_list else [(name, count) for name in expected]
+    columns: list[Any] = [("taxels", of_all)] if is_list else [(name, count) for name in expected]
+    layers = sensors.camera.elastomer, sensors.array.elastomer
+    ends = [(each.width_mm / 2, each.length_mm / 2) for each in layers]
+    ends.append(np.abs([layout.x_mm, layout.y_mm]).max(axis=1) + layout.pad_diameter_mm.max())
+    for name, end in zip(("x_mm", "y_mm"), np.max(ends, axis=0).tolist(), strict=True):
+        on_either: Any = Annotated[float, Meta(ge=-end, le=end)]
+        columns.append((name, on_either | None, None))
     kind = cast(type[Pair], defstruct("Row", columns, bases=(Pair,), kw_only=True))
     if "image" not in names or (sorted(taxels) != ([] if is_list else sorted(expected))):
         raise T2TwinError(
@@ -135,31 +154,11 @@ def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
         pairs.append(pair)
     if not pairs:
         raise T2TwinError(f"{path} contains no pairs")
-    if found := normalized(np.array([pair.taxels for pair in pairs]), full_scale):
+    counts = np.array([pair.taxels for pair in pairs])
+    if (found := normalized(counts, full_scale)) and counts.max() <= 1.0:
         raise T2TwinError(f"{path}: {found}")
+    warn(found and f"{path}: {found}")
     return pairs
-
-
-def _read_parquet(path: Path) -> tuple[list[str], Iterator[tuple[str, dict[str, Any]]]]:
-    """As read_csv."""
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise T2TwinError(f"{path}: {error}") from error
-    rows = enumerate(table.to_pylist(), start=1)
-    given = ((f"row {n}", {k: v for k, v in row.items() if v is not None}) for n, row in rows)
-    return table.column_names, given
-
-
-def _sample_splits(pairs: list[Pair], seed: int) -> None:
-    """Give the pairs a random split, if no row has one."""
-    without = [pair for pair in pairs if pair.split is None]
-    if without and len(without) < len(pairs):
-        raise T2TwinError(f"{without[0].place}: split is empty; expected one in all rows or none")
-    ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)
-    order = np.random.default_rng(seed).permutation(len(pairs))
-    for n, row in enumerate(order if without else ()):
-        pairs[row].split = SPLITS[np.searchsorted(ends, n, "right")]
 
 
 def _write(

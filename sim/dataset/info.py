@@ -22,6 +22,8 @@ SPLITS = ("train", "val", "test")
 IMAGE: Final = "image"
 COUNTS: Final = "counts"
 MAX_COUNTS = 65_535  # of a column of uint16
+SMALL_SHARE = 0.01  # of the full scale, below which all counts are suspicious (assumed)
+FEW = 10  # fewer readings of whole counts than this may all be without contact (assumed)
 # Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
 # of a printed board)
 SAME_MM = 1e-3
@@ -68,7 +70,7 @@ class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
 
     elastomer: dict[str, Any] | None = None  # the gel, as in elastomer_json
     image_shape: tuple[Size, Size, Size]  # rows, columns and channels
-    view_mm: tuple[Positive, Positive]  # half of what an image shows along x and y
+    view_mm: tuple[Positive, Positive]  # half the width and half the height of an image's view
     contact_grid: tuple[Size, Size] | None = None  # rows and columns of the contact maps
     noise_grey: Annotated[float, Meta(ge=0)] | None = None  # standard deviation of an image's noise
     optics_sha256: str | None = None  # of the optics file
@@ -163,20 +165,22 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
 
     def same_dense(self, other: "ArrayInfo") -> bool:
         """Whether both have the same places of dense counts."""
-        pairs = ((self.dense_x_mm, other.dense_x_mm), (self.dense_y_mm, other.dense_y_mm))
-        return all(
-            one is not None and two is not None and np.array_equal(one, two) for one, two in pairs
-        )
+        own, others = ([each.dense_x_mm, each.dense_y_mm] for each in (self, other))
+        return own[0] is not None and plain(own) == plain(others)
 
 
 SensorInfo = CameraInfo | ArrayInfo
 
 
 def normalized(counts: np.ndarray, full_scale: float) -> str | None:
-    """A clause about counts that are parts of the full scale instead; None for others."""
-    if full_scale <= 1.0 or not counts.size or counts.max() > 1.0 or not (counts % 1.0).any():
+    """A clause about counts that are parts or percent of the full scale instead; None for others.
+    counts: (N,) or (B, N)."""
+    most, is_whole = counts.max(initial=0.0), not (counts % 1.0).any()
+    limit = max(SMALL_SHARE * full_scale, 0.0 if is_whole else 1.0)
+    may_be_still = is_whole and counts.size < FEW * counts.shape[-1]
+    if full_scale <= 1.0 or not counts.size or most > limit or may_be_still:
         return None
-    return f"all counts lie between 0 and 1; expected counts from 0 to {full_scale:,.0f}"
+    return f"all counts lie between 0 and {most:.4g}; expected counts from 0 to {full_scale:,.0f}"
 
 
 def plain(record: Any) -> Any:

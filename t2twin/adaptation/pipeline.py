@@ -24,7 +24,7 @@ from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.records import read_json
 from t2twin.core.templates import render
-from t2twin.optics_fit import background_warnings
+from t2twin.optics_fit import background_warning
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
     MARKED,
@@ -167,13 +167,13 @@ def adapt(
         _initial_run(init_from, model, gel_camera), workers,
         arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera, order,
     )  # fmt: skip
+    if warning := background_warning(config.background, order, camera, gel_camera.name):
+        report(f"warning: {warning}")
     given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera,
         tolerance, order)  # fmt: skip
     out, digest = config.out, config.digest(given)
     fitted = _existing_fit(out, digest, given)
-    for warning in background_warnings(config.background, order, camera, gel_camera.name):
-        report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):
