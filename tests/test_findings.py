@@ -1,7 +1,6 @@
 """Floors, intervals and differences on cases whose answers are known."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from benchmarks.networks.irreducible_error import (
     floor_of,
     noise_distance_grey,
 )
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import ArrayInfo, DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.reading import expected_reading
@@ -37,9 +36,9 @@ def info(small_dataset: Path) -> DatasetInfo:
     return read_info(small_dataset)
 
 
-def with_flaws(info: DatasetInfo, flaws: Imperfections) -> DatasetInfo:
-    """The dataset's info.json, as if it had been made with these imperfections."""
-    return replace(info, target=structs.replace(info.target, imperfections=flaws))
+def with_flaws(info: DatasetInfo, flaws: Imperfections | None) -> ArrayInfo:
+    """The dataset's array, as if it had been made with these imperfections."""
+    return structs.replace(info.array, imperfections=flaws)
 
 
 def test_two_readings_differ_by_the_noise_of_both(info: DatasetInfo) -> None:
@@ -61,8 +60,7 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
     same = second_reading(stored, with_flaws(info, flaws))
     assert same is not None
     np.testing.assert_allclose(same, stored, rtol=1e-6)
-    unknown = replace(info, target=structs.replace(info.target, imperfections=None))
-    assert second_reading(stored, unknown) is None
+    assert second_reading(stored, with_flaws(info, None)) is None
 
 
 def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
@@ -81,7 +79,7 @@ def test_noise_floor_is_of_the_datasets_own_noise(small_dataset: Path) -> None:
         load_pairs(small_dataset, s, FEATURE_SIZE, grey=False) for s in ("val", "train")
     )
     near = np.zeros(len(pairs), int)
-    rows = predict_baselines(pairs, train, near, None, read_info(small_dataset), "target", ())
+    rows = predict_baselines(pairs, train, near, None, read_info(small_dataset).array, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
     flaws, table = array.flaws, array.spec.counts

@@ -169,7 +169,7 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
     data = tmp_path / "data"
     main(["import-pairs", "mine.parquet", "--out", "data", "--source", "gelsight-mini"])
     assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
-    assert verify_dataset(data) == [] and not read_info(data).is_simulated
+    assert verify_dataset(data) == [] and read_info(data).recipe is None
     assert read_info(data).camera.name == "gelsight-mini"
     for split in ("train", "val", "test"):
         both = [read_split(folder, split) for folder in (data, spots)]

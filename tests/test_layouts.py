@@ -1,6 +1,7 @@
 """Files of taxel layouts, and a translator on a layout that it was not trained on."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +58,9 @@ def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.Monk
     monkeypatch.setattr(Touch2Touch, "outputs", lambda self, images, *wanted: outputs)
 
 
-def test_linear_response_is_read_exactly_by_any_layout(runs, dense, monkeypatch):
-    """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim."""
+def test_drawn_images_are_read_exactly_by_any_layout(runs, dense, phi, true, monkeypatch):
+    """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim; of the
+    trained layout any counts come back, and phi of them at full size."""
 
     def response(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return 20000.0 + 500.0 * x_mm - 300.0 * y_mm
@@ -70,10 +72,16 @@ def test_linear_response_is_read_exactly_by_any_layout(runs, dense, monkeypatch)
     assert counts.shape == (1, dense.size) and dense.size > 30
     np.testing.assert_allclose(counts[0], response(dense.x_mm, dense.y_mm), atol=1.0)
     assert applied.config.data.array.layout == "dense"
-    assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
+    drawing(run, true, monkeypatch)
+    images = np.zeros((len(true), 320, 240, 3), np.uint8)
+    np.testing.assert_allclose(run.predict(images), true, atol=1.0)
+    assert np.abs(run.tactile_images(images) - phi(true)).mean() < 0.01 * true.max()
 
 
 def test_layouts_that_cannot_be_read_are_refused(runs, dense):
+    pads = replace(dense, pad_diameter_mm=np.full(dense.size, 8.0))
+    with pytest.warns(T2TwinWarning, match="other pads than those of dense, .* does not model"):
+        runs["touch2touch"]._at_layout(pads)
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
         runs["resnet18"]._at_layout(dense)
     wide = layout_of("wide", dense.x_mm + 12.0 * (np.arange(dense.size) == 3), dense.y_mm)

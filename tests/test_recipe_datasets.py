@@ -102,7 +102,7 @@ def test_no_shape_is_in_two_splits_or_recipes():
 def test_a_recipe_is_whole_and_says_what_it_is(made):
     assert verify_dataset(made) == []
     info = read_info(made)
-    assert info.recipe_name == "mine" and info.is_simulated and not info.is_protocol
+    assert info.recipe_name == "mine" and info.scale is None
     assert info.recipe is not None and info.recipe.light.kind == "drawn"
     assert info.pairs == {"train": 16, "val": 4, "test": 2} and info.complete
     said = json.loads((made / "info.json").read_text())

@@ -74,7 +74,7 @@ def runs_by_name(folders: list[Path]) -> dict[str, TrainedTranslator]:
 
     runs = {}
     for run in map(load_run, folders):
-        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
+        name = f"{run.config.model}-of-{run.config.data.recipe or run.config.data.sha256[:8]}"
         if name in runs:
             raise T2TwinError(f"two runs are a {name}; name one of them")
         runs[name] = run

@@ -12,7 +12,7 @@ from t2twin.core.frame_order import FrameOrder
 from t2twin.core.machine import installed_version
 from t2twin.core.records import FORMAT
 from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
-from t2twin.sim.sampling.recipe import PAPER, Recipe
+from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import CountsTable, Imperfections
@@ -54,30 +54,49 @@ class _SensorInfo(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     name: str
     spec: dict[str, Any] | None = None  # content of its file, for a simulated sensor
     pitch_mm: Positive | None = None  # of the contact's grid
+    elastomer: dict[str, Any] | None = None  # the soft layer, as in elastomer_json
 
     @property
     def words(self) -> str:
         """Its readings in words."""
         return f"{'images' if isinstance(self, CameraInfo) else 'counts'} of {self.name}"
 
+    def differences(self, other: Any) -> list[str]:
+        """What two sensors of one kind both record and what differs, in words."""
+        own, theirs = (
+            {
+                "name": each.name,
+                "soft layer": each.elastomer and elastomer_of(each.elastomer | {"name": "_"}, ""),
+                "view": np.round(getattr(each, "view_mm", 0.0), 3).tolist(),
+                "full scale": each.full_scale,
+                "gain": (each.spec or {}).get("counts", {}).get("gain"),
+                "transducer": (each.spec or {}).get("transducer"),
+            }
+            for each in cast(Any, (self, other))
+        )
+        found = [n for n in own if None not in (own[n], theirs[n]) and own[n] != theirs[n]]
+        if isinstance(self, ArrayInfo) and not self.same_pads(other.taxels):
+            found.append("pads")
+        return found
+
+    def fits(self, other: Any) -> bool:
+        """Whether a network of this sensor also takes or gives the readings of another."""
+        return type(self) is type(other) and (
+            not isinstance(self, ArrayInfo) or self.same_layout(other.x_mm, other.y_mm)
+        )
+
 
 class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
     """A gel camera of a dataset or a run."""
 
     value: ClassVar[Literal["image"]] = IMAGE  # of its readings
-    unit: ClassVar[str] = "grey levels"
     full_scale: ClassVar[float] = 255.0
 
-    elastomer: dict[str, Any] | None = None  # the gel, as in elastomer_json
     image_shape: tuple[Size, Size, Size]  # rows, columns and channels
     view_mm: tuple[Positive, Positive]  # half the width and half the height of an image's view
     contact_grid: tuple[Size, Size] | None = None  # rows and columns of the contact maps
     noise_grey: Annotated[float, Meta(ge=0)] | None = None  # standard deviation of an image's noise
     optics_sha256: str | None = None  # of the optics file
-
-    def fits(self, other: "SensorInfo") -> bool:
-        """Whether a network of this sensor also takes or gives the readings of another."""
-        return other.value == IMAGE
 
 
 class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
@@ -87,7 +106,6 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
     """
 
     value: ClassVar[Literal["counts"]] = COUNTS  # of its readings
-    unit: ClassVar[str] = "counts"
 
     elastomer: dict[str, Any]  # the cover, as in elastomer_json
     layout: str  # its name
@@ -140,19 +158,11 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
         """The soft layer of the array."""
         return elastomer_of(self.elastomer, "the cover")
 
-    def phi_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> Phi:
-        """phi of taxels, in the size and scale of the tactile image. Raises T2TwinError as Phi."""
-        rows, columns, px_per_mm = self.tactile_image
-        return Phi(x_mm, y_mm, (rows, columns), px_per_mm)
-
     @property
     def phi(self) -> Phi:
-        """phi of the layout."""
-        return self.phi_of(self.x_mm, self.y_mm)
-
-    def fits(self, other: "SensorInfo") -> bool:
-        """Whether a network of this sensor also takes or gives the readings of another."""
-        return other.value == COUNTS and self.same_layout(other.x_mm, other.y_mm)
+        """phi of the layout, in the size of the tactile image. Raises T2TwinError as Phi."""
+        rows, columns, px_per_mm = self.tactile_image
+        return Phi(self.x_mm, self.y_mm, (rows, columns), px_per_mm)
 
     def same_layout(self, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
         """Whether positions equal those of the layout, in its order. x_mm, y_mm: (N,), mm."""
@@ -160,13 +170,13 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
         return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
 
     def same_pads(self, other: Layout) -> bool:
-        """Whether a layout of equal positions has pads of equal sizes."""
-        return bool(np.abs(self.pad_diameter_mm - other.pad_diameter_mm).max() < SAME_MM)
+        """Whether each pad of a layout is as large as the nearest one of this array."""
+        nearest = other.distances_mm(self.taxels).argmin(axis=1)
+        return bool(np.abs(self.pad_diameter_mm[nearest] - other.pad_diameter_mm).max() < SAME_MM)
 
-    def same_dense(self, other: "ArrayInfo") -> bool:
-        """Whether both have the same places of dense counts."""
-        own, others = ([each.dense_x_mm, each.dense_y_mm] for each in (self, other))
-        return own[0] is not None and plain(own) == plain(others)
+    def incomparable(self, other: "SensorInfo") -> list[str]:
+        """The differences for which one pressure has other counts, also on an equal pad."""
+        return [each for each in self.differences(other) if each not in ("name", "pads")]
 
 
 SensorInfo = CameraInfo | ArrayInfo
@@ -198,9 +208,9 @@ class DatasetInfo:
     target: SensorInfo
     versions: dict[str, str]  # of everything that may change a shard's bytes
     shards: dict[ShardPath, Shard]  # the existing ones, by path below the dataset's folder
-    scale: str | None = None  # of a dataset of the protocol
+    scale: str | None = None  # of a dataset of the protocol of Grella et al. 2023
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
-    recipe: Recipe | None = None
+    recipe: Recipe | None = None  # None for imported pairs
     shapes: dict[str, tuple[Count, ...]] | None = None  # indices of the presses on the grid
     only: tuple[str, ...] | None = None  # the primitives and tools to which it is restricted
     shape_code: str | None = None  # digest of the code and libraries of the shapes' surfaces
@@ -236,16 +246,6 @@ class DatasetInfo:
     def array(self) -> ArrayInfo:
         """The taxel array, the target's first. Raises T2TwinError for a dataset without one."""
         return cast(ArrayInfo, self.sensors[self.role_of(COUNTS)])
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether it is simulated; an imported dataset has no recipe."""
-        return self.recipe is not None
-
-    @property
-    def is_protocol(self) -> bool:
-        """Whether it follows the protocol of Grella et al. 2023: its results are comparable."""
-        return self.recipe is not None and self.recipe.name == PAPER
 
     @property
     def recipe_name(self) -> str | None:

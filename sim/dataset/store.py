@@ -252,7 +252,7 @@ def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.Pa
     """A shard. Raises T2TwinError where its bytes are not those of info.json."""
     path = (Path(folder) / shard).absolute()
     repair = "`t2twin import-pairs` into a new folder makes it again"
-    if info.is_simulated:
+    if info.recipe:
         repair = "the same `t2twin simdata` makes it again"
     try:
         about = path.stat()

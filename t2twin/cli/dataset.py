@@ -100,7 +100,7 @@ def _verify(folder: Path) -> int:
     if faults:
         damaged = {path for path, _ in faults}
         own = counted(len(damaged & {INFO, *info.shards}), "file")
-        repair = f"; the same `t2twin simdata` remakes {own}" if info.is_simulated else ""
+        repair = f"; the same `t2twin simdata` remakes {own}" if info.recipe else ""
         print(f"{folder} is damaged in {counted(len(damaged), 'file')}{repair * (own[0] != '0')}")
         return 1
     print(f"{folder} is complete: {_pairs(info)} pairs, {_size(folder, info)}")

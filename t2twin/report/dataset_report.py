@@ -284,7 +284,7 @@ def saturation(page: Figure, dataset: Dataset, role: str) -> None:
 def forces(dataset: Dataset) -> dict[str, Any] | None:
     """Ranges by sensor, histograms of forces and counts, depths by family; None for imported pairs,
     which have neither contact forces nor depths."""
-    if not dataset.info.is_simulated:
+    if dataset.info.recipe is None:
         return None
     commanded = dataset.column("force_n")
     contact = commanded > 0

@@ -405,8 +405,8 @@ def write_report(
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
     info = report.info
-    title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
-    if info.is_simulated and not info.is_protocol:
+    title = TITLE if info.recipe else IMPORTED_TITLE.format(report.data)
+    if info.recipe and not info.scale:
         title += f", recipe {info.recipe_name}"
     sections = {name: (link, partial(values, report)) for name, (link, values) in SECTIONS.items()}
     return write_page(out, title, TEMPLATES, sections, report=report, dataset=report)

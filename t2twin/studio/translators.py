@@ -5,7 +5,7 @@ Runs are loaded on first use. Shape letters: R rows and C columns of a tactile i
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -174,16 +174,14 @@ def _model_of(folder: Path) -> str:
 
 def _truth(touch: "Touch", data: "ArrayInfo") -> np.ndarray | None:
     """True counts at the taxels of a run; of the touch's own layout with its noise, of any other
-    without. None for a touch without an array of the cover and the full scale of the run."""
-    if touch.of_array is None:
-        return None
-    array = touch.of_array.sensor
-    cover = replace(array.elastomer, name=data.cover.name)
-    if cover != data.cover or array.full_scale != data.full_scale_counts:
+    without. None for a touch without an array whose counts can be compared with the run's."""
+    from t2twin.sim.dataset.generate import sensor_info
+
+    if touch.of_array is None or data.incomparable(sensor_info(touch.of_array.sensor)):
         return None
     if data.same_layout(touch.layout.x_mm, touch.layout.y_mm):
         return touch.counts.astype(float)
-    return array.noiseless(touch.of_array.contact, data.taxels)
+    return touch.of_array.sensor.noiseless(touch.of_array.contact, data.taxels)
 
 
 NamedFrame = tuple[np.ndarray, str]

@@ -214,11 +214,6 @@ class DataInfo(Struct, frozen=True):
                 return sensor
         raise T2TwinError(f"{self.source.words} and {self.target.words} contain no image")
 
-    @property
-    def recipe_shown(self) -> str:
-        """Name of the recipe, or first digits of the dataset's SHA-256."""
-        return self.recipe or f"dataset {self.sha256[:8]}"
-
 
 def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
     """Reads DIR/info.json. reverse: exchange source and target.

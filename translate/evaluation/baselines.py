@@ -4,7 +4,6 @@ Shape letters: P pairs or queries, M stored pairs or training taxels, N taxels.
 """
 
 from collections.abc import Iterable
-from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -12,8 +11,7 @@ import torch
 from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import ArrayInfo, DatasetInfo
-from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.dataset.info import ArrayInfo
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import Pairs, Readings
@@ -53,6 +51,8 @@ BINS_PER_DOUBLING = 2  # of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed
 # Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
 # the presses' standard deviation)
 MIN_PRESSES = 50
+# The same of the pairs of the split themselves (assumed: of five, it lowers their RMSE by a tenth)
+MIN_PAIRS = 5
 
 
 def neighbors(
@@ -112,20 +112,17 @@ def representable(trained: ArrayInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.
     return weights @ np.linalg.pinv(weights)
 
 
-def second_reading(
-    counts: np.ndarray, info: DatasetInfo, seed: int = SEED, role: str = ROLES[1]
-) -> np.ndarray | None:
+def second_reading(counts: np.ndarray, array: ArrayInfo) -> np.ndarray | None:
     """A second reading of each press, (P, N) float32; None without known imperfections.
 
     Two readings of each of the (P, N) counts are simulated, as if it were noiseless, and their
     difference is added to it. Permanent imperfections cancel.
     """
-    array = cast(ArrayInfo, info.sensors[role])
     if array.imperfections is None:
         return None
     layout, flaws, table = array.taxels, array.imperfections, array.reading
     at_rest, _ = expected_reading(flaws, table, np.zeros(layout.size))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
         touched = np.maximum(stored - at_rest, 0.0)
@@ -141,7 +138,8 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
 
     low_n, high_n: edges, equal for a single force, 0 without contact and NaN for an unknown force.
     mean_of: the "training" presses in this bin, or the pairs of the "split" themselves where there
-    are fewer than MIN_PRESSES. Pairs without a bin have the mean of all training presses.
+    are fewer than MIN_PRESSES; it is NaN, unknown, if these are fewer than MIN_PAIRS too. Pairs
+    without a bin have the mean of all training presses.
     """
     force_n = np.concatenate([pairs.force_n, train.force_n])
     single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES
@@ -159,7 +157,7 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
         if len(counts) < MIN_PRESSES:
             bins.loc[members, "mean_of"] = "split"
             counts = pairs.counts[members]
-        arrays[members] = counts.mean(axis=0, dtype=float)
+        arrays[members] = counts.mean(axis=0, dtype=float) if len(counts) >= MIN_PAIRS else np.nan
     return bins, arrays
 
 
@@ -168,25 +166,23 @@ def predict_baselines(
     train: Pairs,
     nearest: np.ndarray,
     of_force: np.ndarray | None,
-    info: DatasetInfo,
-    role: str,
+    own: ArrayInfo,
     trained_layouts: Iterable[ArrayInfo],
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
     nearest: (P,) indices of training pairs. of_force: of `force_bins`, None with one force only.
-    role: of the target. trained_layouts: of runs that interpolate between their own taxels; the
-    first unlike the dataset's has a floor.
+    own: the dataset's array. trained_layouts: of runs that interpolate between their own taxels;
+    the first unlike the dataset's has a floor.
     """
     mean = train.counts.mean(axis=0, dtype=float).astype(np.float32)
     rows = {MEAN_ARRAY: np.tile(mean, (len(pairs), 1))}
     if of_force is not None:
         rows[MEAN_ARRAY_OF_FORCE] = of_force
     rows[NEAREST_NEIGHBOR] = train.counts[nearest]
-    repeated = second_reading(pairs.counts, info, role=role)
+    repeated = second_reading(pairs.counts, own)
     if repeated is not None:
         rows[NOISE_FLOOR] = repeated
-    own = cast(ArrayInfo, info.sensors[role])
     for array in trained_layouts:
         if not array.fits(own):
             projection = representable(array, own.x_mm, own.y_mm)

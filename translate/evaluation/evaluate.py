@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -21,15 +21,16 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.files import check_own, result_folder, sha256_of, write_json
+from t2twin.core.frame_order import UPRIGHT
 from t2twin.core.tables import markdown
-from t2twin.sim.dataset.info import COUNTS, IMAGE, CameraInfo, DatasetInfo
+from t2twin.sim.dataset.generate import sensor_info
+from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, CameraInfo, DatasetInfo
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.data.images import COLORS, open_image, to_input, to_pixels
+from t2twin.translate.data.images import COLORS, read_image, to_input, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
     ImageFile,
@@ -49,6 +50,7 @@ from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
 from t2twin.translate.models.field import CONTACT_KPA, EVEN, center_of_pressure
 from t2twin.translate.models.field_net import side_of_maps
 from t2twin.translate.runs.config import BEST, read_log
+from t2twin.translate.uncertainty.ood import unlike
 
 SPLITS = ("val", "test")
 
@@ -57,6 +59,7 @@ KIND = "evaluation"  # of result
 MAX_SHAPES = 200  # with figures of their own (assumed: more are not read)
 TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"  # the paper's: their difference has an interval
 OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"  # frames that are not files
+CLASSIFIED = 200  # first pairs of a split, whose images are classified (assumed: a few seconds)
 MIN_CELLS = 4  # of a contact (assumed: smaller ones are not resolved)
 # Arrays of the pairs in predictions.npz, besides the truth and each model's predictions and std
 PREDICTIONS, TRUTH, STD = "predictions.npz", "truth", "std of "
@@ -76,9 +79,8 @@ class EvaluationInputs:
     trained: dict[str, TrainedTranslator]  # runs by name, at their own layouts
     applied: dict[str, TrainedTranslator]  # the same at the dataset's layout
     background: str | None  # source of the background frames of field runs, None if unknown
-    frame: Image.Image | None  # one for all pairs, None if each has its own
+    frame: np.ndarray | None  # one for all pairs, None if each has its own
     reverse: bool  # whether source and target of the runs exchange those of the dataset
-    target_role: str  # in the dataset, of the sensor whose readings are predicted
 
 
 def prepare(
@@ -111,15 +113,7 @@ def prepare(
                 f"{loaded[0].name} predicts {first.direction} and {run.name} {own.direction}; "
                 "evaluate runs of one direction together"
             )
-        gives = run.config.is_image_to_counts or own.target.fits(info.target)
-        if own.direction != info.direction or not own.source.fits(info.source) or not gives:
-            raise T2TwinError(
-                f"{run.name} predicts {own.target.words} from {own.source.words}; "
-                f"{data_dir} has {info.source.words} and {info.target.words}"
-            )
-        if own.source.name != info.source.name:
-            found = f"{own.source.name}, and {data_dir} is of {info.source.name}"
-            warn(f"{run.name} is trained on {found}; its errors are those on another sensor")
+        _check_sensors(run, info, data_dir)
     applied = trained = dict(zip(run_names(loaded), loaded, strict=True))
     if loaded[0].config.is_image_to_counts:
         applied = {name: run._at_layout(info.array.taxels) for name, run in trained.items()}
@@ -131,13 +125,34 @@ def prepare(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    role = ROLES[0 if reverse else 1]
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, *still, reverse, role)
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, *still, reverse)
+
+
+def _check_sensors(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
+    """Raises T2TwinError for pairs whose readings cannot be compared with those of a run, and warns
+    of another sensor."""
+    own, which = run.config.data, ""
+    fits = own.direction == info.direction and own.source.fits(info.source)
+    if fits and isinstance(own.target, ArrayInfo):
+        which = " and ".join(own.target.incomparable(info.target))
+    gives = run.config.is_image_to_counts or own.target.fits(info.target)
+    if which or not (fits and gives):
+        which = which and f" with another {which}; such counts cannot be compared"
+        raise T2TwinError(
+            f"{run.name} predicts {own.target.words} from {own.source.words}; "
+            f"{data_dir} has {info.source.words} and {info.target.words}{which}"
+        )
+    sides = [(own.source, info.source), (own.target, info.target)]
+    for one, other in sides[: 1 + run.config.predicts_images]:
+        if found := one.differences(other):
+            which = "" if "name" in found else f" with another {' and '.join(found)}"
+            words = f"{one.name}, and {data_dir} is of {other.name}{which}"
+            warn(f"{run.name} is trained on {words}; its errors are those on another sensor")
 
 
 def _background(
     info: DatasetInfo, data_dir: Path, file: str | Path | None
-) -> tuple[str | None, Image.Image | None]:
+) -> tuple[str | None, np.ndarray | None]:
     """Source of the background frames, None if unknown, and the frame, None if of each pair."""
     if has_backgrounds(info):
         if file is not None:
@@ -147,18 +162,16 @@ def _background(
             )
         return OF_PAIRS, None
     if file is not None:
-        return str(file), open_image(arguments.path(file, "background"))
-    frame = frame_of_own_light(info)
-    return (None, None) if frame is None else (OF_OPTICS, Image.fromarray(frame))
+        return str(file), read_image(arguments.path(file, "background"), info.order or UPRIGHT)
+    frame = frame_of_own_light(info, info.camera)
+    return None if frame is None else OF_OPTICS, frame
 
 
-def frame_of_own_light(info: DatasetInfo, role: str | None = None) -> np.ndarray | None:
-    """The background frame of a bundled sensor in its own light, if all images of a dataset were
-    made with that, else None. role: of the gel camera, by default the first."""
+def frame_of_own_light(info: DatasetInfo, camera: CameraInfo) -> np.ndarray | None:
+    """The background frame of a bundled sensor in its own light, if all images of a dataset's gel
+    camera were made with that, else None."""
     if info.recipe is None or info.recipe.light.kind != "fixed":
         return None
-    camera = info.camera if role is None else info.sensors[role]
-    assert camera.value == IMAGE
     sensor = bundled_in_own_light(camera)
     return None if sensor is None else sensor.image_renderer.background
 
@@ -215,14 +228,20 @@ def predict_runs(
             inputs.data_dir, split, preset.size, preset.grey, cache, is_sure and has_dense_counts,
             inputs.reverse, side,
         )  # fmt: skip
-        if not is_sure:
-            predictions[name] = run._predict_pixels(own.inputs, progress=name)
-            continue
         images = own.inputs
-        if inputs.frame is not None:
-            frame = to_pixels(inputs.frame, preset.size, grey=False)
+        if is_sure and inputs.frame is not None:
+            frame = to_pixels(Image.fromarray(inputs.frame), preset.size, grey=False)
             still = np.broadcast_to(frame, (len(own), *frame.shape))
             images = replace(own.images, backgrounds=still)
+        if isinstance(images, ImageFile):
+            first, order = images[:CLASSIFIED], inputs.dataset.order or UPRIGHT
+            classes, frames = run.classify(first), [*map(np.squeeze, first[..., :COLORS])]
+            words = unlike(classes, run.name)
+            stored = run._order_warning(classes, inputs.frame, frames, order)
+            warn(words and f"among the first of {split}, {words}", stored)
+        if not is_sure:
+            predictions[name] = run._predict_pixels(images, progress=name)
+            continue
         found = run._estimate_pixels(images, progress=name)
         estimates[name] = as_readings(found, inputs.dataset)
         predictions[name] = estimates[name].counts
@@ -404,9 +423,9 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     paired = {}
     if {TOUCH2TOUCH, RESNET18} <= tables.keys():
         paired = metrics.paired(tables[TOUCH2TOUCH], tables[RESNET18], full_scale, shapes)
-    # The paper's rows are those of its protocol, sensors and direction.
-    sensors = (info.source.name, info.target.name)
-    is_papers = inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
+    papers = SensorPair.of()  # the paper's rows are those of its protocol, sensors and direction
+    sides = (info.source, sensor_info(papers.source)), (info.target, sensor_info(papers.target))
+    is_papers = all(one.fits(other) and not one.differences(other) for one, other in sides)
     evaluation = Evaluation(
         split=split,
         pairs=len(pairs),
@@ -415,7 +434,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         models=rows,
         shapes=number,
         paired=paired,
-        paper=baselines.PAPER.get(split, {}) if is_papers else {},
+        paper=baselines.PAPER.get(split, {}) if is_papers and inputs.dataset.scale else {},
         recipe=info.recipe,
         source=info.source.name,
         target=info.target.name,
@@ -436,10 +455,8 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     near, _ = baselines.neighbors(
         train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
     )
-    of_force = bins[1] if bins[0]["low_n"].nunique() > 1 else None
-    predictions = baselines.predict_baselines(
-        pairs, train, near[:, 0], of_force, inputs.dataset, inputs.target_role, layouts
-    )
+    of_force = bins[1] if bins[0]["low_n"].nunique() > 1 and np.isfinite(bins[1]).all() else None
+    predictions = baselines.predict_baselines(pairs, train, near[:, 0], of_force, array, layouts)
     predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
     view, groups = None, {}
@@ -494,7 +511,7 @@ def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
             resized = [to_pixels(Image.fromarray(each), size, grey) for each in shown]
             images = np.stack(resized)
         predictions[name] = images
-    native = frame_of_own_light(inputs.dataset, inputs.target_role)
+    native = frame_of_own_light(inputs.dataset, cast(CameraInfo, inputs.info.target))
     frame = None if native is None else to_pixels(Image.fromarray(native), size, grey)
     of_evaluation = {
         "background": None if frame is None else OF_OPTICS,

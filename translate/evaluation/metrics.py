@@ -244,7 +244,7 @@ def by_force(
                 rmse_counts=float(rmse),
                 rmse_percent=float(100.0 * rmse / full_scale),
                 interval=interval(np.asarray(resampled[one["low_n"]])),
-                of_mean_array=float(rmse / level) if touches and level else None,
+                of_mean_array=float(rmse / level) if touches and level > 0 else None,
                 mean_of=one["mean_of"] if touches else None,
                 phantom_counts=None if touches else one["total"],
             )

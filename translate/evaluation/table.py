@@ -196,7 +196,7 @@ def _force_table(evaluation: Evaluation, name: Callable[[str], str]) -> Table:
     ]
     if any(one.phantom_counts is not None for one in bins):
         captions.append("Without contact: RMSE, and in brackets the mean of the summed counts.")
-    if own := [one.title for one in bins if one.mean_of == "split"]:
+    if own := [one.title for one in bins if one.mean_of == "split" and one.of_mean_array]:
         captions.append(
             f"Training has too few presses at {', '.join(own)}; the mean array there is that of "
             "the evaluated presses."

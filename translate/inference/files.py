@@ -26,7 +26,7 @@ from t2twin.core.files import read_file, result_folder, write_csv
 from t2twin.core.frame_order import UPRIGHT, FrameOrder
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import COUNTS, ArrayInfo
+from t2twin.sim.dataset.info import COUNTS, ArrayInfo, normalized
 from t2twin.sim.tables import read_csv
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import read_image
@@ -47,16 +47,11 @@ COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_s
 CONTACTS_CSV, KIND = "contacts.csv", "translation"  # and the kind of result
 
 TAXEL = "taxel_"  # Start of the columns of counts
-# Numbers and vectors of ContactEstimate.summary in contacts.csv
+# Numbers and vectors of ContactEstimate.summary in contacts.csv; these have columns of x and y
 COLUMNS = (
     "force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n", *DIFFERENCES,
 )  # fmt: skip
-VECTORS = {
-    "center_mm": ("center_x_mm", "center_y_mm"),
-    "center_std_mm": ("center_std_x_mm", "center_std_y_mm"),
-    "shear_n": ("shear_x_n", "shear_y_n"),
-    "shear_std_n": ("shear_std_x_n", "shear_std_y_n"),
-}
+VECTORS = "center_mm", "center_std_mm", "shear_n", "shear_std_n"
 
 
 def find_images(paths: Sequence[str | Path]) -> list[Path]:
@@ -238,8 +233,10 @@ def translate_contacts(
             for vector in VECTORS:
                 cells += summary.get(vector) or [None, None]
             rows.append([image, name, *cells, contact.ood_class, "; ".join(contact.notes)])
-        columns = [*COLUMNS, *(name for pair in VECTORS.values() for name in pair), "ood_class"]
-        write_csv(folder / CONTACTS_CSV, ["image", "contact", *columns, "notes"], rows)
+        parts = [vector.rpartition("_") for vector in VECTORS]
+        vectors = [f"{name}_{axis}_{unit}" for name, _, unit in parts for axis in "xy"]
+        columns = ["image", "contact", *COLUMNS, *vectors, "ood_class", "notes"]
+        write_csv(folder / CONTACTS_CSV, columns, rows)
     stored = loaded._order_warning([each.ood_class for each in found], frame, images, order)
     warn(NO_BACKGROUND if background is None else None, stored)
     warn_of_contacts(found, images)
@@ -256,13 +253,12 @@ def translate_readings(
     taxel_1 and so on, or NPY files of counts, (N,) or (B, N); or images as for `find_images`, in an
     order. png: whether tactile images of predicted counts are written too; True for images. Returns
     (B, N) counts, or (B, rows, columns, 3) uint8 images, with the warnings of
-    `TrainedTranslator.predict`. Raises T2TwinError, without output, for another run, for files that
-    cannot be read or be of the source, and for what the run does not use: an order, or no PNG.
+    `TrainedTranslator.predict`. Raises T2TwinError, without output, for files that cannot be read
+    or be of the source, as parts of full scale, and for what the run does not use: an order, or no
+    PNG.
     """
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
     loaded = load(run, engine="torch")
-    is_other = not loaded.config.is_image_to_counts
-    loaded._need(is_other, "a translation of readings", "a run of another direction")
     source, target = loaded.config.data.source, loaded.config.data.target
     arguments.instance(order, "order", FrameOrder)
     if source.value == COUNTS and order != UPRIGHT:
@@ -319,6 +315,9 @@ def read_counts(path: Path, array: ArrayInfo) -> np.ndarray:
             value = "no number" if np.isnan(count) else f"{count:,.10g}"
             limit = f"expected 0 to {array.full_scale:,.0f}"
             raise ValueError(f"{places[n]}: {columns[taxel]} has {value}; {limit}")
+        if (fault := normalized(found, array.full_scale)) and found.max() <= 1.0:
+            raise ValueError(fault)
+        warn(fault and f"{path}: {fault}")
         return found
     except (T2TwinError, ValueError, EOFError, OSError) as error:
         raise T2TwinError(

@@ -178,12 +178,7 @@ class TrainedTranslator:
     def _predict_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> np.ndarray:
-        """(B, N) counts, or (B, S, S, c) uint8 images, of pictures of the run's size and color.
-
-        pixels: (B, S, S, c), of images uint8, as `pixels_of` returns them; c = 6 for a field run
-        with background frames. progress: title of a progress bar, or None.
-        """
-        self._check_pixels(pixels)
+        """(B, N) counts, or (B, S, S, c) uint8 images, of what `pixels_of` returns, or counts."""
         return self._outputs(pixels, progress)[self.config.data.target.value]
 
     def _predicted(
@@ -319,7 +314,6 @@ class TrainedTranslator:
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
         """As `estimate`, without classes, for images as for `_predict_pixels`."""
-        self._need_counts("estimate")._check_pixels(pixels)
         return self._estimate(self._outputs(pixels, progress), None)
 
     def _estimate(self, outputs: Outputs, classes: np.ndarray | None) -> Estimate:
@@ -374,7 +368,8 @@ class TrainedTranslator:
         Images are compared with the training images of the run, and with their background frames,
         if they have them. A run with a frame check uses it too, and the predicted force.
         """
-        self._check_pixels(pixels)
+        colors = (COLORS, 2 * COLORS) if self.config.has_uncertainty else (COLORS,)
+        check_pixels(pixels, self.config.preset.size, (1,) if self.config.preset.grey else colors)
         return self._classified(pixels, self._outputs(pixels, features=True))
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
@@ -531,13 +526,17 @@ class TrainedTranslator:
 
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
         counts with the new pads. Raises T2TwinError for a ResNet18 run, for taxels outside the
-        trained layout's hull (touch2touch) or the cover (field), and as Phi.
+        trained layout's hull (touch2touch) or the cover (field), and as Phi. Warns of other pads
+        unless it is a field run.
         """
-        data = self.config.data
-        trained = data.array
-        if trained.same_layout(layout.x_mm, layout.y_mm) and (
-            not self.config.has_uncertainty or trained.same_pads(layout)
-        ):
+        trained, has_pads = self.config.data.array, self.config.has_uncertainty
+        same_pads = trained.same_pads(layout)
+        if not (same_pads or has_pads):
+            warn(
+                f"{self.name} was trained with other pads than those of {layout.name}, which "
+                "it does not model: its counts are those of its own pads; a field run models pads"
+            )
+        if trained.same_layout(layout.x_mm, layout.y_mm) and (same_pads or not has_pads):
             return self
         purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
         reads_any = self.config.is_image_to_counts and self.translator.reads_any_layout
@@ -547,7 +546,7 @@ class TrainedTranslator:
             pad_diameter_mm=layout.pad_diameter_mm,
         )  # fmt: skip
         translator = self.translator.read_at(layout)
-        config = structs.replace(self.config, data=structs.replace(data, target=array))
+        config = structs.replace(self.config, data=structs.replace(self.config.data, target=array))
         return replace(self, config=config, translator=translator)
 
     def _in_float32(self) -> Self:
@@ -563,13 +562,6 @@ class TrainedTranslator:
         self._need_uncertainty("a background frame")
         behind = self._small(one_image(background, "background", ONE))[0]
         return np.concatenate([pixels, np.broadcast_to(behind, pixels.shape)], axis=-1)
-
-    def _check_pixels(self, pixels: np.ndarray | Pictures) -> None:
-        """Raises T2TwinError for an array that `pixels_of` cannot return."""
-        preset = self.config.preset
-        if isinstance(pixels, np.ndarray) and self.config.data.source.value == IMAGE:
-            colors = (COLORS, 2 * COLORS) if self.config.has_uncertainty else (COLORS,)
-            check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
 
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:

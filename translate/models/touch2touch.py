@@ -20,6 +20,7 @@ from typing import Self
 
 import numpy as np
 import torch
+from msgspec import structs
 from scipy.spatial import ConvexHull
 from torch import nn
 from torch.nn import functional
@@ -250,7 +251,8 @@ class Touch2Touch(Pix2Pix):
     def read_at(self, layout: Layout) -> Self:
         """See Translator. The images keep their size; the new layout's phi^-1 reads them."""
         array, x_mm, y_mm = self.info.array, layout.x_mm, layout.y_mm
-        phi = array.phi_of(x_mm, y_mm).resized(self.phi.shape)
+        own = structs.replace(array, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=layout.pad_diameter_mm)
+        phi = own.phi.resized(self.phi.shape)
         sides = ConvexHull(np.column_stack([array.x_mm, array.y_mm])).equations  # (sides, 3)
         distance_mm = (np.stack([x_mm, y_mm, np.ones_like(x_mm)], axis=1) @ sides.T).max(axis=1)
         n = int(distance_mm.argmax())

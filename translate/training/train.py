@@ -311,14 +311,13 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
             raise T2TwinError(
                 f"{run_dir} has the {name} {one}, and the new run has {other}; expected equal ones"
             )
-    is_dense = model != "field" or own.array.same_dense(data.array)
+    is_dense = model != "field" or own.array.dense == data.array.dense
     if not (is_dense and all(one.fits(other) for one, other in sides)):
         raise T2TwinError(f"{run_dir} is a run of another layout or other dense counts than these")
     for one, other in sides:
-        is_other = one.value == COUNTS and other.value == COUNTS and not one.same_pads(other.taxels)
-        if is_other or one.name != other.name:
-            found = f"{one.words}, and the new run of {other.words}"
-            warn_once(f"{run_dir} is a run of {found}, another sensor or other pads")
+        if found := one.differences(other):
+            words = f"{one.words}, and the new run of {other.words}"
+            warn_once(f"{run_dir} is a run of {words}, another sensor ({', '.join(found)})")
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
