@@ -110,8 +110,9 @@ def evaluate(
         split: val (in the paper's protocol: new versions of primitives), test (hand tools) or both.
             With both, writes DIR/val, DIR/test and DIR/results.md.
         out: Output folder. Default: runs/evaluate/SPLIT; runs/evaluate with both.
-        background: Image of the dataset's gel camera without contact, for field runs. Default: each
-            pair's own, or that of the sensor's own light, if the dataset was made with either.
+        background: Image of the dataset's gel camera without contact, stored as the imported
+            images, for field runs. Default: each pair's own, or that of the sensor's own light, if
+            the dataset was made with either.
     """
     from t2twin.core.tables import text
     from t2twin.translate.evaluation.evaluate import evaluate_splits

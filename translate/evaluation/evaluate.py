@@ -129,8 +129,7 @@ def prepare(
 
 
 def _check_sensors(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
-    """Raises T2TwinError for pairs whose readings cannot be compared with those of a run, and warns
-    of another sensor."""
+    """Raises T2TwinError for readings that cannot be compared, and warns of another sensor."""
     own, which = run.config.data, ""
     fits = own.direction == info.direction and own.source.fits(info.source)
     if fits and isinstance(own.target, ArrayInfo):
@@ -351,13 +350,14 @@ def evaluate(
     runs: folders that `train` has made, all of one direction between the dataset's sensors.
     touch2touch and field runs from images to counts may have another taxel layout than the dataset,
     which is then read from their images or dense counts. split of data_dir: "val", "test", "train".
-    background: an image of the dataset's sensor without contact, for field runs. The default is the
-    frames of the pairs, or that of the default optics, if the dataset was made with either.
+    background: an image of the dataset's sensor without contact, in the order of imported images,
+    for field runs. The default is that of each pair, or of the default optics.
     Returns the content of metrics.json: baselines and floors, then the runs, by their models'
     names. predictions.npz contains the counts or images of each row.
-    Raises T2TwinError for no runs, a folder that is not a run, sensors other than the dataset's,
-    and a layout that a run cannot be read at. It also does for a background frame without a field
-    run, and for a split or training split without pairs.
+    Warns with T2TwinWarning of another source, and of images unlike a run's training, of the first
+    200. Raises T2TwinError for no runs, a folder that is not a run, and a layout that a run cannot
+    be read at. It also does for counts of another cover, full scale or gain, a background frame
+    without a field run, and for a split or training split without pairs.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)
