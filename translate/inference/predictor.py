@@ -370,7 +370,8 @@ class TrainedTranslator:
         """
         colors = (COLORS, 2 * COLORS) if self.config.has_uncertainty else (COLORS,)
         check_pixels(pixels, self.config.preset.size, (1,) if self.config.preset.grey else colors)
-        return self._classified(pixels, self._outputs(pixels, features=True))
+        outputs = {} if self._frame_check is None else self._outputs(pixels, features=True)
+        return self._classified(pixels, outputs)
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
@@ -525,9 +526,8 @@ class TrainedTranslator:
         """The same run with the counts of another taxel layout; of its own, the same object.
 
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
-        counts with the new pads. Raises T2TwinError for a ResNet18 run, for taxels outside the
-        trained layout's hull (touch2touch) or the cover (field), and as Phi. Warns of other pads
-        unless it is a field run.
+        counts with the new pads; others warn of other pads. Raises T2TwinError for a ResNet18 run,
+        for taxels outside the trained layout's hull (touch2touch) or the cover (field), and as Phi.
         """
         trained, has_pads = self.config.data.array, self.config.has_uncertainty
         same_pads = trained.same_pads(layout)
