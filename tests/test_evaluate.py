@@ -174,7 +174,7 @@ def test_other_sensors_of_the_same_names_are_named(runs, data_dir, tmp_path):
     assert "is of digit with another view; its errors" in words and not result.paper
     assert "among the first of val, 2 of 2 images are unlike all training images of field" in words
     assert "mean-array-of-force" not in result.models  # of one pair each
-    assert np.array_equal(inputs.frame, np.rot90(frame, -1)[..., ::-1])
+    np.testing.assert_array_equal(inputs.frame, np.rot90(frame, -1)[..., ::-1])
 
 
 def test_a_field_run_is_given_the_background_of_the_default_optics(small_dataset, tmp_path):

@@ -54,7 +54,6 @@ class _SensorInfo(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     name: str
     spec: dict[str, Any] | None = None  # content of its file, for a simulated sensor
     pitch_mm: Positive | None = None  # of the contact's grid
-    elastomer: dict[str, Any] | None = None  # the soft layer, as in elastomer_json
 
     @property
     def words(self) -> str:
@@ -92,6 +91,7 @@ class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
     value: ClassVar[Literal["image"]] = IMAGE  # of its readings
     full_scale: ClassVar[float] = 255.0
 
+    elastomer: dict[str, Any] | None = None  # the gel, as in elastomer_json
     image_shape: tuple[Size, Size, Size]  # rows, columns and channels
     view_mm: tuple[Positive, Positive]  # half the width and half the height of an image's view
     contact_grid: tuple[Size, Size] | None = None  # rows and columns of the contact maps
