@@ -230,7 +230,7 @@ def test_counts_are_read_from_files(trained, tmp_path: Path, capsys) -> None:
         f"{head}\n{line}99999": f"line 2: {names[-1]} has 799,999; expected 0 to",
         f"{head.title()}\n{line}": "it has 1 columns Taxel_0",
         f"{head};taxel_0\n{line};7": "it has 2 columns taxel_0",
-        f"{head}\n{line.replace('7', '0.7')}": "all counts lie between 0 and 1",
+        f"{head}\n{line.replace('7', '0.7')}": "all counts lie between 0 and 0.7",
     }  # fmt: skip
     for number, content in enumerate(contents):
         (tmp_path / f"{number}.csv").write_text(content)

@@ -138,8 +138,8 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
 
     low_n, high_n: edges, equal for a single force, 0 without contact and NaN for an unknown force.
     mean_of: the "training" presses in this bin, or the pairs of the "split" themselves where there
-    are fewer than MIN_PRESSES; it is NaN, unknown, if these are fewer than MIN_PAIRS too. Pairs
-    without a bin have the mean of all training presses.
+    are fewer than MIN_PRESSES. Of fewer than MIN_PAIRS of them the mean array is NaN, unknown.
+    Pairs without a bin have the mean of all training presses.
     """
     force_n = np.concatenate([pairs.force_n, train.force_n])
     single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES
