@@ -71,7 +71,7 @@ def neighbors(
     features = torch.from_numpy(pixels - mean)
     found: list[tuple[torch.Tensor, torch.Tensor]] = []
     starts = range(0, len(queries), BATCH_SIZE)
-    for start in Progress(starts, progress, unit="batch", disable=progress is None):
+    for start in Progress(starts, progress, unit="part", disable=progress is None):
         part = slice(start, start + BATCH_SIZE)
         batch = torch.from_numpy(queries[part].reshape(-1, mean.size) - mean)
         rough = torch.cdist(batch, features)

@@ -95,7 +95,7 @@ def _batches(
     parts = [slice(n, n + BATCH_SIZE) for n in range(0, len(images), BATCH_SIZE)]
     reads = (pool.map(read_image, images[part], repeat(order)) for part in parts)
     current = next(reads, iter(()))
-    for part in Progress(parts, desc="translating", unit="batch", disable=len(parts) < 2):
+    for part in Progress(parts, desc="translating", unit="part", disable=len(parts) < 2):
         following = next(reads, iter(()))
         yield part, list(current)
         current = following

@@ -567,4 +567,4 @@ class TrainedTranslator:
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     """The slices of batches, with a progress bar of this title."""
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
-    return parts if progress is None else Progress(parts, desc=progress, unit="batch")
+    return parts if progress is None else Progress(parts, desc=progress, unit="part")
