@@ -170,7 +170,7 @@ def _predicted(
         (counts,) = predict_runs(inputs, split, cache)[0].values()
     finally:
         hook.remove()
-    return counts, np.concatenate(maps)
+    return counts, np.concatenate(maps)[-len(counts) :]  # the first ones are of the classification
 
 
 def tasks_of(pair: Pair, folder: Path) -> list[Task]:
