@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
-    "t2twin": 9_250,
+    "t2twin": 9_249,
     "translate": 7_596,
     "sim": 14_908,
     "primitives_cad": 2_540,
