@@ -172,7 +172,7 @@ def test_other_sensors_of_the_same_names_are_named(runs, data_dir, tmp_path):
         inputs = prepare(["field"], other, ("val",), tmp_path / "frame.png")
     words = " ".join(str(each.message) for each in found)
     assert "is of digit with another view; its errors" in words and not result.paper
-    assert "among the first of val, 2 of 2 images are unlike all training images of field" in words
+    assert "first images of val: 2 of 2 images are unlike all training images of field" in words
     assert "mean-array-of-force" not in result.models  # of one pair each
     np.testing.assert_array_equal(inputs.frame, np.rot90(frame, -1)[..., ::-1])
 

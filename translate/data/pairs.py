@@ -55,7 +55,7 @@ from t2twin.translate.data.images import COLORS, WHITE_GREY, to_pixels
 CACHE = "cache"
 # Columns of the shear force on the gel camera after its role, of recipes with motion
 SHEAR = ("shear_x_n", "shear_y_n")
-MAX_STILL = 0.5  # Of the paths, to learn it (assumed); of 0.93, a tenth of the force (measured)
+MAX_STILL = 0.5  # Largest share of still paths that teaches it (assumed; 0.93 does not, measured)
 UNITS = np.array([1e-3, 0.1], np.float32)  # mm and kPa of the units of CONTACT_MAPS
 BATCH_SIZE = 256  # Images decoded together; bounds memory to 60 MB
 

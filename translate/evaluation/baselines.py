@@ -51,7 +51,7 @@ BINS_PER_DOUBLING = 2  # of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed
 # Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
 # the presses' standard deviation)
 MIN_PRESSES = 50
-# The same of the pairs of the split themselves (assumed: of five, it lowers their RMSE by a tenth)
+# Minimum number of pairs of the split for its own mean (assumed: of five, RMSE is a tenth lower)
 MIN_PAIRS = 5
 
 

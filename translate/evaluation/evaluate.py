@@ -236,7 +236,7 @@ def predict_runs(
             first, order = images[:CLASSIFIED], inputs.dataset.order or UPRIGHT
             classes, frames = run.classify(first), [*map(np.squeeze, first[..., :COLORS])]
             is_usual = np.mean([each.inside is False for each in classes]) <= FALSE_ALARMS
-            words = None if is_usual else f"among the first of {split}, {unlike(classes, run.name)}"
+            words = None if is_usual else f"first images of {split}: {unlike(classes, run.name)}"
             warn(words, run._order_warning(classes, inputs.frame, frames, order))
         if not is_sure:
             predictions[name] = run._predict_pixels(images, progress=name)
